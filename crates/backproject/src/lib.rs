@@ -1,0 +1,1 @@
+//! Pixels, depth and a camera to oriented 3D anchors.

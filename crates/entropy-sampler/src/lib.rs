@@ -1,0 +1,1 @@
+//! Local Shannon entropy of an image, and pixel sampling by it.

@@ -1,0 +1,1 @@
+//! Load, predict, render, measure: protocols, tables and the HTML report.

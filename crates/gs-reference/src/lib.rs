@@ -1,0 +1,1 @@
+//! The obvious f64 renderer of 3D Gaussians that judges the fast ones.

@@ -1,0 +1,23 @@
+#![doc = include_str!("../README.md")]
+
+mod error;
+
+mod camera;
+mod gaussians;
+mod image;
+mod maps;
+mod ply;
+mod view;
+mod write;
+
+pub use camera::{Camera, Intrinsics};
+pub use error::{Error, PlyRule, Result};
+pub use gaussians::{
+    Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, SH_C0, dc_from_rgb, logit, rgb_from_dc,
+    sh_coefficients, sigmoid,
+};
+pub use image::Image;
+pub use maps::{DepthMap, FeatureMap};
+pub use ply::{read_ply, write_ply};
+pub use view::View;
+pub use write::write_atomically;

@@ -1,0 +1,1 @@
+//! Exact K nearest neighbours of every point of a 3D point set.

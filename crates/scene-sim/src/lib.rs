@@ -1,0 +1,1 @@
+//! Ray-traced posed views with exact depth from scene descriptions.

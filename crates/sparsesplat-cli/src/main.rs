@@ -1,0 +1,2 @@
+//! The `sparsesplat` command.
+fn main() {}

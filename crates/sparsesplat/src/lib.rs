@@ -1,0 +1,1 @@
+//! Posed photographs in, a compact set of 3D Gaussians out, in one pass.
