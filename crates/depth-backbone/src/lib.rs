@@ -1,1 +1,7 @@
-//! Depth, confidence and features per view: measured depth, or multi-view stereo by plane sweep.
+#![doc = include_str!("../README.md")]
+
+mod backbone;
+mod error;
+
+pub use backbone::{DepthBackbone, ViewGeometry};
+pub use error::{Error, Result};

@@ -1,0 +1,22 @@
+use crate::Result;
+use gs_scene::{DepthMap, FeatureMap, View};
+
+/// What a backbone knows of one view (paper, section 3.1): geometry and features at the view's own size.
+#[derive(Debug, Clone)]
+pub struct ViewGeometry {
+    /// z-depth, scene units; 0 where there is none.
+    pub depth: DepthMap,
+    /// How far the depth can be trusted, `[height, width]`, 0..1; below ½ the depth was filled in from neighbours.
+    pub confidence: Vec<f32>,
+    /// Image features F, `[C, height, width]`.
+    pub features: FeatureMap,
+}
+
+/// Frozen network or hand-made stereo: anything that gives depth and features for a set of views.
+pub trait DepthBackbone {
+    /// Depth, confidence and features of every view, in the order of the views.
+    ///
+    /// # Errors
+    /// If the views do not suffice (see [`crate::Error`]).
+    fn estimate(&self, views: &[View]) -> Result<Vec<ViewGeometry>>;
+}

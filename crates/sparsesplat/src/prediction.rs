@@ -1,0 +1,81 @@
+use depth_backbone::ViewGeometry;
+use gs_scene::Gaussians;
+use serde::Serialize;
+
+/// What one pass over a set of views gives.
+#[derive(Debug, Clone)]
+pub struct Prediction {
+    /// The scene, world frame; the far shell comes last.
+    pub gaussians: Gaussians,
+    /// Where the Gaussians come from.
+    pub counts: Counts,
+    /// The paper's tau that the budget was solved to; `None` for pixel-aligned.
+    pub tau: Option<f64>,
+    /// Depth, confidence and features per view.
+    pub geometry: Vec<ViewGeometry>,
+    /// Gain and bias that brought each view into the common exposure.
+    pub exposure: Vec<ExposureGain>,
+    /// Near and far plane that were used, scene units; for the renderer's near plane and for depth pictures.
+    pub depth_range: (f64, f64),
+    /// Wall time per stage.
+    pub seconds: StageSeconds,
+}
+
+/// Gaussians by origin.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// All of them.
+    pub total: usize,
+    /// Sampled from each view.
+    pub per_view: Vec<usize>,
+    /// The far shell's.
+    pub shell: usize,
+}
+
+/// common exposure = gain · photograph + bias, the same for the three channels; 1 and 0 where the views agree.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ExposureGain {
+    /// Factor.
+    pub gain: f32,
+    /// Offset, display-referred, 0..1.
+    pub bias: f32,
+}
+
+/// A stage of the pipeline, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Depth and features.
+    Backbone,
+    /// Exposure of the views to each other.
+    Exposure,
+    /// Probability maps and chosen pixels.
+    Sampling,
+    /// Pixels to anchors.
+    Backproject,
+    /// Neighbours of anchors.
+    Knn,
+    /// Attributes of anchors.
+    Head,
+    /// Attributes to Gaussians, and the far shell.
+    Decode,
+}
+
+/// Wall time per stage, seconds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct StageSeconds {
+    /// Depth and features.
+    pub backbone: f64,
+    /// Exposure of the views to each other.
+    pub exposure: f64,
+    /// Probability maps and chosen pixels.
+    pub sampling: f64,
+    /// Pixels to anchors.
+    pub backproject: f64,
+    /// Neighbours of anchors.
+    pub knn: f64,
+    /// Attributes of anchors.
+    pub head: f64,
+    /// Attributes to Gaussians, and the far shell.
+    pub decode: f64,
+}
