@@ -6,17 +6,27 @@ use gs_scene::{DepthMap, FeatureMap, View};
 pub struct ViewGeometry {
     /// z-depth, scene units; 0 where there is none.
     pub depth: DepthMap,
-    /// How far the depth can be trusted, `[height, width]`, 0..1; below ½ the depth was filled in from neighbours.
+    /// How far the depth can be trusted, `[height, width]`, 0..1. Below ½ it was filled in from neighbours; at 0 there
+    /// is none, or the photographs contradict it.
     pub confidence: Vec<f32>,
-    /// Image features F, `[C, height, width]`.
-    pub features: FeatureMap,
+    /// Image features F, `[C, height, width]`, if they were wanted.
+    pub features: Option<FeatureMap>,
+}
+
+/// What a head needs of a backbone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wanted {
+    /// Depth and confidence.
+    Depth,
+    /// Features as well.
+    DepthAndFeatures,
 }
 
 /// Frozen network or hand-made stereo: anything that gives depth and features for a set of views.
 pub trait DepthBackbone {
-    /// Depth, confidence and features of every view, in the order of the views.
+    /// Depth, confidence and what else is wanted of every view, in the order of the views.
     ///
     /// # Errors
     /// If the views do not suffice (see [`crate::Error`]).
-    fn estimate(&self, views: &[View]) -> Result<Vec<ViewGeometry>>;
+    fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>>;
 }

@@ -3,5 +3,24 @@
 mod backbone;
 mod error;
 
-pub use backbone::{DepthBackbone, ViewGeometry};
+mod plane_sweep;
+
+mod range;
+mod sources;
+
+mod pair;
+mod texture;
+
+mod cost;
+mod sgm;
+
+mod consistency;
+mod fill;
+
+mod estimate;
+mod features;
+
+pub use backbone::{DepthBackbone, ViewGeometry, Wanted};
 pub use error::{Error, Result};
+pub use plane_sweep::PlaneSweep;
+pub use range::DepthRange;

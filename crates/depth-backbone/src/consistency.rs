@@ -1,0 +1,168 @@
+//! What the views say of each other's depth.
+
+use crate::pair::Pair;
+use crate::range::Planes;
+use gs_scene::View;
+use rayon::prelude::*;
+
+/// Two inverse depths agree within this relative difference …
+const RELATIVE_TOLERANCE: f32 = 0.015;
+/// … or within this many plane steps, whichever is more.
+const STEP_TOLERANCE: f32 = 1.5;
+/// Mean colour difference (0..1) above which a point that floats before another view's surface is dropped.
+const FLOATING_DIFFERENCE: f32 = 0.1;
+/// Mean colour difference above which any point is dropped.
+const WRONG_DIFFERENCE: f32 = 0.2;
+
+/// What one view says of a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Opinion {
+    /// Not in its picture.
+    Unseen,
+    /// Behind its surface: hidden from it.
+    Hidden,
+    /// On its surface; the inverse depth that the other view gives the point, seen from this one.
+    Agrees(f32),
+    /// Before its surface: the other view looks through it.
+    Floats,
+}
+
+/// Relation of one view to another, with the other's inverse depths.
+pub(crate) struct Witness<'a> {
+    to: Pair,
+    from: Pair,
+    width: usize,
+    height: usize,
+    inverse_depth: &'a [f32],
+    view: &'a View,
+}
+
+impl<'a> Witness<'a> {
+    pub(crate) fn new(reference: &View, other: &'a View, inverse_depth: &'a [f32]) -> Self {
+        Self {
+            to: Pair::new(reference.camera(), other.camera()),
+            from: Pair::new(other.camera(), reference.camera()),
+            width: other.camera().width(),
+            height: other.camera().height(),
+            inverse_depth,
+            view: other,
+        }
+    }
+
+    /// The other view's pixel that sees the reference position (u, v) at inverse depth `w`, and the inverse depth of
+    /// the point there.
+    fn pixel(&self, u: f32, v: f32, w: f32) -> Option<(usize, usize, f32)> {
+        let h = self.to.project(u, v, w);
+        let (x, y) = (h.x / h.z, h.y / h.z);
+        let inside = h.z > 0.0 && x >= 0.0 && y >= 0.0 && x < self.width as f32 && y < self.height as f32;
+        inside.then(|| (x as usize, y as usize, w / h.z))
+    }
+
+    /// What the other view says of the point at (u, v) with inverse depth `w`. `slack` widens the tolerance.
+    pub(crate) fn opinion(&self, u: f32, v: f32, w: f32, planes: &Planes, slack: f32) -> Opinion {
+        let Some((x, y, seen)) = self.pixel(u, v, w) else {
+            return Opinion::Unseen;
+        };
+        let own = self.inverse_depth[y * self.width + x];
+        let tolerance = slack * (RELATIVE_TOLERANCE * seen).max(STEP_TOLERANCE * planes.step());
+        if seen > own + tolerance {
+            Opinion::Floats
+        } else if seen < own - tolerance {
+            Opinion::Hidden
+        } else {
+            // The other surface at this pixel is locally parallel to the point's: shift the point, not the pixel.
+            let h = self.from.project(x as f32 + 0.5, y as f32 + 0.5, own);
+            let back = own / h.z;
+            Opinion::Agrees(if back.is_finite() && back > 0.0 { back } else { w })
+        }
+    }
+
+    /// Mean absolute colour difference between a colour and what the other view sees at the point.
+    fn colour_difference(&self, u: f32, v: f32, w: f32, colour: [f32; 3]) -> Option<f32> {
+        let (x, y, _) = self.pixel(u, v, w)?;
+        let other = self.view.image().pixel(x, y);
+        Some((0..3).map(|c| (colour[c] - other[c]).abs()).sum::<f32>() / 3.0)
+    }
+}
+
+/// Number of views that agree with each pixel, and the mean inverse depth of all that do, the pixel's own included.
+pub(crate) fn agree(
+    view: &View,
+    inverse_depth: &[f32],
+    witnesses: &[Witness],
+    planes: &Planes,
+) -> Vec<(u8, f32)> {
+    let width = view.camera().width();
+    let judge = |(i, &w): (usize, &f32)| {
+        let (u, v) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+        let (mut count, mut sum) = (0_u8, w);
+        for witness in witnesses {
+            if let Opinion::Agrees(theirs) = witness.opinion(u, v, w, planes, 1.0) {
+                count = count.saturating_add(1);
+                sum += theirs;
+            }
+        }
+        (count, sum / (1.0 + f32::from(count)))
+    };
+    inverse_depth
+        .par_iter()
+        .enumerate()
+        .with_min_len(1 << 12)
+        .map(judge)
+        .collect()
+}
+
+/// 1 where the other view sees the pixel's point, 0 where it is hidden from it or outside.
+pub(crate) fn visible(view: &View, inverse_depth: &[f32], witness: &Witness, planes: &Planes) -> Vec<f32> {
+    let width = view.camera().width();
+    let judge = |(i, &w): (usize, &f32)| {
+        let (u, v) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+        match witness.opinion(u, v, w, planes, 2.0) {
+            Opinion::Unseen | Opinion::Hidden => 0.0,
+            Opinion::Agrees(_) | Opinion::Floats => 1.0,
+        }
+    };
+    inverse_depth
+        .par_iter()
+        .enumerate()
+        .with_min_len(1 << 12)
+        .map(judge)
+        .collect()
+}
+
+/// Whether the photographs contradict a pixel's point: its colour is far from what the views see there that should
+/// see it, and it floats before a surface of one of them, or the colours differ grossly.
+pub(crate) fn contradicted(
+    view: &View,
+    inverse_depth: &[f32],
+    witnesses: &[Witness],
+    planes: &Planes,
+) -> Vec<bool> {
+    let width = view.camera().width();
+    let judge = |(i, &w): (usize, &f32)| {
+        let (x, y) = (i % width, i / width);
+        let (u, v) = (x as f32 + 0.5, y as f32 + 0.5);
+        let colour = view.image().pixel(x, y);
+        let mut floats = false;
+        let mut differences = Vec::with_capacity(witnesses.len());
+        for witness in witnesses {
+            let opinion = witness.opinion(u, v, w, planes, 1.0);
+            floats |= opinion == Opinion::Floats;
+            if matches!(opinion, Opinion::Agrees(_) | Opinion::Floats) {
+                differences.extend(witness.colour_difference(u, v, w, colour));
+            }
+        }
+        if differences.is_empty() {
+            return false;
+        }
+        let middle = differences.len() / 2;
+        let median = *differences.select_nth_unstable_by(middle, f32::total_cmp).1;
+        median > WRONG_DIFFERENCE || (floats && median > FLOATING_DIFFERENCE)
+    };
+    inverse_depth
+        .par_iter()
+        .enumerate()
+        .with_min_len(1 << 12)
+        .map(judge)
+        .collect()
+}

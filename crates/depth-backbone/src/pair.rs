@@ -1,0 +1,98 @@
+//! Two-view geometry: where a pixel of one view, at a given inverse depth, falls in another.
+
+use glam::{DMat3, DVec3, Vec3};
+use gs_scene::{Camera, Intrinsics};
+
+fn calibration(lens: &Intrinsics) -> DMat3 {
+    DMat3::from_cols(
+        DVec3::new(lens.fx, 0.0, 0.0),
+        DVec3::new(0.0, lens.fy, 0.0),
+        DVec3::new(lens.cx, lens.cy, 1.0),
+    )
+}
+
+/// The map (pixel, inverse depth w) → homogeneous pixel `infinite · (u, v, 1) + epipole · w` of another view.
+/// Built in f64 from relative poses, so scenes far from the origin lose nothing by the f32 arithmetic after it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pair {
+    /// `K_s R K_r⁻¹`: where the pixel falls when it is infinitely far.
+    infinite: [Vec3; 3],
+    /// `K_s t`.
+    epipole: Vec3,
+}
+
+impl Pair {
+    pub(crate) fn new(reference: &Camera, source: &Camera) -> Self {
+        let rotation = source.rotation() * reference.rotation().transpose();
+        // t = R_s (c_r - c_s): from the camera centres, not from the translations, which may be huge.
+        let translation = source.rotation() * (reference.position() - source.position());
+        let infinite =
+            calibration(source.intrinsics()) * rotation * calibration(reference.intrinsics()).inverse();
+        let epipole = calibration(source.intrinsics()) * translation;
+        Self {
+            infinite: [
+                infinite.x_axis.as_vec3(),
+                infinite.y_axis.as_vec3(),
+                infinite.z_axis.as_vec3(),
+            ],
+            epipole: epipole.as_vec3(),
+        }
+    }
+
+    /// Homogeneous source pixel of the reference position (u, v) at inverse depth `w`. Its z times the depth is the
+    /// z-depth in the source view.
+    pub(crate) fn project(&self, u: f32, v: f32, w: f32) -> Vec3 {
+        self.row(v) + self.infinite[0] * u + self.epipole * w
+    }
+
+    /// The part of [`Self::project`] that is the same along an image row.
+    pub(crate) fn row(&self, v: f32) -> Vec3 {
+        self.infinite[1] * v + self.infinite[2]
+    }
+
+    /// Change of [`Self::project`] by one pixel to the right.
+    pub(crate) fn step(&self) -> Vec3 {
+        self.infinite[0]
+    }
+
+    pub(crate) fn epipole(&self) -> Vec3 {
+        self.epipole
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+
+    #[test]
+    fn equals_unprojection_and_projection_even_far_from_the_origin() {
+        let lens = Intrinsics {
+            fx: 310.0,
+            fy: 290.0,
+            cx: 150.0,
+            cy: 111.0,
+            width: 320,
+            height: 240,
+        };
+        for offset in [0.0, 1e4] {
+            let origin = DVec3::new(offset, -offset, offset);
+            let a =
+                Camera::looking_at(lens, origin, origin + DVec3::new(0.1, 0.2, 3.0), DVec3::NEG_Y).unwrap();
+            let side = origin + DVec3::new(0.4, -0.1, 0.2);
+            let b = Camera::looking_at(lens, side, origin + DVec3::new(0.0, 0.1, 4.0), DVec3::NEG_Y).unwrap();
+            let pair = Pair::new(&a, &b);
+            for (u, v, depth) in [(10.5, 20.5, 1.0), (160.0, 120.0, 3.0), (310.5, 230.5, 40.0)] {
+                let world = a.unproject(DVec2::new(u, v), depth);
+                let expected = b.project(world).unwrap();
+                let h = pair.project(u as f32, v as f32, (1.0 / depth) as f32);
+                assert!(
+                    (f64::from(h.x / h.z) - expected.x).abs() < 2e-3,
+                    "offset {offset}"
+                );
+                assert!((f64::from(h.y / h.z) - expected.y).abs() < 2e-3);
+                assert!((f64::from(h.z) * depth - b.to_camera(world).z).abs() < 1e-4 * depth);
+            }
+        }
+    }
+}

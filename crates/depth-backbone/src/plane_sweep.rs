@@ -1,0 +1,291 @@
+//! Multi-view stereo over inverse-depth planes.
+
+use crate::backbone::{DepthBackbone, ViewGeometry, Wanted};
+use crate::consistency::{Witness, agree, contradicted, visible};
+use crate::cost::{Reference, Source, WindowStatistics, plane_costs, surface_costs};
+use crate::pair::Pair;
+use crate::range::{DepthRange, Planes};
+use crate::texture::Texture;
+use crate::{Error, Result, fill, sgm, sources};
+use gs_scene::{Camera, DepthMap, View};
+use rayon::prelude::*;
+
+/// Plane-sweep stereo: ZNCC of 7×7 windows over several sources, semi-global matching, sub-plane refinement, a check
+/// between the views, and filling of what failed it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlaneSweep {
+    /// Near and far end of the scene.
+    pub range: DepthRange,
+    /// Number of planes.
+    pub planes: usize,
+    /// Views that each view is matched with at most.
+    pub sources: usize,
+}
+
+impl Default for PlaneSweep {
+    fn default() -> Self {
+        Self {
+            range: DepthRange::Estimate,
+            planes: 128,
+            sources: 4,
+        }
+    }
+}
+
+/// Offsets, in plane steps, that each refinement round tries around the current surface.
+const REFINEMENT_ROUNDS: [f32; 2] = [1.6, 0.5];
+
+/// One view on its way through the stages.
+struct Matched<'a> {
+    view: &'a View,
+    texture: Texture,
+    statistics: WindowStatistics,
+    sources: Vec<usize>,
+}
+
+impl Matched<'_> {
+    fn reference(&self) -> Reference<'_> {
+        Reference {
+            texture: &self.texture,
+            statistics: &self.statistics,
+        }
+    }
+
+    fn source<'a>(&'a self, reference: &Camera, visible: Option<&'a [f32]>) -> Source<'a> {
+        Source {
+            texture: &self.texture,
+            pair: Pair::new(reference, self.view.camera()),
+            visible,
+        }
+    }
+}
+
+impl PlaneSweep {
+    /// The range that the sweep covers, z-depths in scene units: `range` as given, or estimated from the views.
+    ///
+    /// # Errors
+    /// If it cannot be estimated, or is no range.
+    pub fn depth_range(&self, views: &[View]) -> Result<(f64, f64)> {
+        match self.range {
+            DepthRange::Known { near, far } => Ok((near, far)),
+            DepthRange::Estimate => crate::estimate::depth_range(views),
+        }
+    }
+}
+
+impl DepthBackbone for PlaneSweep {
+    fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
+        check(views)?;
+        if self.sources == 0 {
+            return Err(Error::Setting {
+                setting: "sources",
+                found: 0.0,
+                expected: "1 or more",
+            });
+        }
+        let (near, far) = self.depth_range(views)?;
+        let planes = Planes::new(near, far, self.planes)?;
+        let cameras: Vec<Camera> = views.iter().map(|view| *view.camera()).collect();
+        let chosen = sources::choose(&cameras, &planes, self.sources);
+        let matched: Vec<Matched> = views
+            .par_iter()
+            .zip(chosen)
+            .map(|(view, sources)| {
+                let texture = Texture::new(view.image());
+                let statistics = WindowStatistics::new(&texture);
+                Matched {
+                    view,
+                    texture,
+                    statistics,
+                    sources,
+                }
+            })
+            .collect();
+
+        let mut inverse_depths: Vec<Vec<f32>> = matched
+            .par_iter()
+            .map(|view| sweep(view, &matched, &planes))
+            .collect();
+        for reach in REFINEMENT_ROUNDS {
+            let refined = matched
+                .par_iter()
+                .enumerate()
+                .map(|(i, view)| refine(view, i, &matched, &inverse_depths, &planes, reach))
+                .collect();
+            inverse_depths = refined;
+        }
+        let filled: Vec<(Vec<f32>, Vec<f32>)> = (0..views.len())
+            .into_par_iter()
+            .map(|i| fuse_and_fill(i, &matched, &inverse_depths, &planes))
+            .collect();
+        let (inverse_depths, mut confidences): (Vec<_>, Vec<_>) = filled.into_iter().unzip();
+
+        confidences
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(i, confidence)| {
+                let witnesses = witnesses(i, &matched, &inverse_depths);
+                let wrong = contradicted(matched[i].view, &inverse_depths[i], &witnesses, &planes);
+                for (confidence, wrong) in confidence.iter_mut().zip(wrong) {
+                    if wrong {
+                        *confidence = 0.0;
+                    }
+                }
+            });
+        matched
+            .par_iter()
+            .zip(inverse_depths)
+            .zip(confidences)
+            .map(|((matched, inverse_depth), confidence)| {
+                let (width, height) = (matched.texture.width, matched.texture.height);
+                let depth = DepthMap::new(width, height, inverse_depth.iter().map(|w| 1.0 / w).collect())?;
+                let features = match wanted {
+                    Wanted::Depth => None,
+                    Wanted::DepthAndFeatures => {
+                        Some(crate::features::bank(matched.view, &depth, &confidence)?)
+                    }
+                };
+                Ok(ViewGeometry {
+                    depth,
+                    confidence,
+                    features,
+                })
+            })
+            .collect()
+    }
+}
+
+/// What stereo cannot work with.
+fn check(views: &[View]) -> Result<()> {
+    match views.len() {
+        0 => return Err(Error::NoViews),
+        1 => return Err(Error::OneView),
+        _ => {}
+    }
+    for view in views {
+        if let Some(i) = view.image().data().iter().position(|v| !v.is_finite()) {
+            let (pixel, width) = (i / 3, view.image().width());
+            return Err(Error::PixelNotFinite {
+                view: view.name().to_owned(),
+                x: pixel % width,
+                y: pixel / width,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn witnesses<'a>(of: usize, matched: &'a [Matched], inverse_depths: &'a [Vec<f32>]) -> Vec<Witness<'a>> {
+    (0..matched.len())
+        .filter(|&other| other != of)
+        .map(|other| Witness::new(matched[of].view, matched[other].view, &inverse_depths[other]))
+        .collect()
+}
+
+/// First estimate of a view's inverse depth: sweep and semi-global matching.
+fn sweep(view: &Matched, all: &[Matched], planes: &Planes) -> Vec<f32> {
+    let camera = view.view.camera();
+    let sources: Vec<Source> = view
+        .sources
+        .iter()
+        .map(|&s| all[s].source(camera, None))
+        .collect();
+    let inverse_depths = planes.inverse_depths();
+    let costs = plane_costs(view.reference(), &sources, &inverse_depths);
+    let sums = sgm::aggregate(
+        &costs,
+        &view.texture.values,
+        view.texture.width,
+        inverse_depths.len(),
+    );
+    sgm::winners(&sums, inverse_depths.len())
+        .into_iter()
+        .map(|plane| planes.inverse_depth(plane))
+        .collect()
+}
+
+/// Moves each pixel by up to `reach` plane steps to where its window, now following the surface, matches best in the
+/// sources that see it.
+fn refine(
+    view: &Matched,
+    index: usize,
+    all: &[Matched],
+    inverse_depths: &[Vec<f32>],
+    planes: &Planes,
+    reach: f32,
+) -> Vec<f32> {
+    let current = &inverse_depths[index];
+    let visibility: Vec<Vec<f32>> = view
+        .sources
+        .iter()
+        .map(|&s| {
+            visible(
+                view.view,
+                current,
+                &Witness::new(view.view, all[s].view, &inverse_depths[s]),
+                planes,
+            )
+        })
+        .collect();
+    let sources: Vec<Source> = view
+        .sources
+        .iter()
+        .zip(&visibility)
+        .map(|(&s, visible)| all[s].source(view.view.camera(), Some(visible)))
+        .collect();
+    let (farthest, nearest) = planes.ends();
+    let step = reach * planes.step();
+    let shifted = |offset: f32| -> Vec<f32> {
+        current
+            .iter()
+            .map(|w| (w + offset * step).clamp(farthest, nearest))
+            .collect()
+    };
+    let costs: Vec<Vec<f32>> = [-1.0, 0.0, 1.0]
+        .iter()
+        .map(|&offset| surface_costs(view.reference(), &sources, &shifted(offset)))
+        .collect();
+    let best_offset = |i: usize| {
+        let (below, at, above) = (costs[0][i], costs[1][i], costs[2][i]);
+        let curvature = below - 2.0 * at + above;
+        if curvature > 1e-6 && at <= below && at <= above {
+            0.5 * (below - above) / curvature
+        } else if below < at && below <= above {
+            -1.0
+        } else if above < at {
+            1.0
+        } else {
+            0.0
+        }
+    };
+    let moved = |(i, w): (usize, &f32)| (w + best_offset(i) * step).clamp(farthest, nearest);
+    current.iter().enumerate().map(moved).collect()
+}
+
+/// Joins what the views agree on, and fills the rest from confident neighbours. Returns inverse depth and confidence.
+fn fuse_and_fill(
+    index: usize,
+    all: &[Matched],
+    inverse_depths: &[Vec<f32>],
+    planes: &Planes,
+) -> (Vec<f32>, Vec<f32>) {
+    let view = &all[index];
+    let agreed = agree(
+        view.view,
+        &inverse_depths[index],
+        &witnesses(index, all, inverse_depths),
+        planes,
+    );
+    let weights: Vec<f32> = agreed.iter().map(|&(count, _)| f32::from(count)).collect();
+    let values: Vec<f32> = agreed.iter().map(|&(_, mean)| mean).collect();
+    let filled = fill::interpolate(&values, &weights, &view.texture.values, view.texture.width);
+    agreed
+        .iter()
+        .zip(filled)
+        .map(|(&(count, mean), filled)| match (count, filled) {
+            (0, Some(filled)) => (filled, 0.25),
+            (0, None) => (mean, 0.1),
+            _ => (mean, 1.0 - 0.5_f32.powi(i32::from(count))),
+        })
+        .unzip()
+}
