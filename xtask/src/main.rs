@@ -1,2 +1,97 @@
-//! The runner.
-fn main() {}
+//! The project's runner, without dependencies: `cargo xtask <command>`.
+//!
+//! The commands of users go to the `sparsesplat` binary, arguments untouched; the checks of developers run here.
+
+mod run;
+mod tidy;
+
+use run::{Step, cargo};
+use std::env;
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::ExitCode;
+
+const HELP: &str = "\
+Usage: cargo xtask <command> [arguments]
+
+Commands of the product (built in release, arguments passed on; each has --help):
+  demo         simulate a scene, reconstruct it, render views it never saw, write a report
+  reconstruct  posed photographs to a 3D Gaussian scene
+  render       a scene to pictures
+  eval         the tables: PSNR, SSIM, Gaussians and time on data sets
+  doctor       what this machine offers, and a self-test
+
+Checks for developers:
+  test         every test (dev profile); arguments go to `cargo test`
+  tidy         rules that no compiler knows: file sizes, paths in documents, names of crates
+  ci           formatting, lints, tidy, tests, documentation: all that must pass
+";
+
+/// Commands that belong to the `sparsesplat` binary.
+const FORWARDED: [&str; 5] = ["demo", "reconstruct", "render", "eval", "doctor"];
+
+fn main() -> ExitCode {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("xtask lies one folder below the workspace");
+    let mut arguments = env::args_os().skip(1);
+    let command = arguments.next().unwrap_or_else(|| "--help".into());
+    let rest: Vec<OsString> = arguments.collect();
+    match command.to_str() {
+        Some(name) if FORWARDED.contains(&name) => forward(root, name, &rest),
+        Some("test") => run::exit_code(
+            cargo(["test", "--workspace"])
+                .args(rest)
+                .current_dir(root)
+                .status(),
+        ),
+        Some("tidy") => run::all(root, &[TIDY]),
+        Some("ci") => run::all(root, &CI),
+        Some("help" | "-h" | "--help") => {
+            print!("{HELP}");
+            ExitCode::SUCCESS
+        }
+        _ => {
+            eprintln!("error: no command {:?}; `cargo xtask --help` lists them", command);
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Builds the binary in sight of the caller, then runs it without a word of cargo's around its own.
+fn forward(root: &Path, command: &str, arguments: &[OsString]) -> ExitCode {
+    const BINARY: [&str; 4] = ["--release", "--package", "sparsesplat-cli", "--manifest-path"];
+    let manifest = root.join("Cargo.toml");
+    match cargo(["build"]).args(BINARY).arg(&manifest).status() {
+        Ok(built) if built.success() => {
+            // The folder of the caller stays the current one, so that relative paths mean what they say.
+            let mut run = cargo(["run", "--quiet"]);
+            run.args(BINARY)
+                .arg(&manifest)
+                .arg("--")
+                .arg(command)
+                .args(arguments);
+            run::exit_code(run.status())
+        }
+        failed => run::exit_code(failed),
+    }
+}
+
+const TIDY: Step = Step::Check("tidy", tidy::check);
+
+/// Cheap checks first, so that a slip of the pen is told early.
+const CI: [Step; 5] = [
+    Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
+    TIDY,
+    Step::Cargo(
+        "clippy",
+        &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"],
+        &[],
+    ),
+    Step::Cargo("test", &["xtask", "test"], &[]),
+    Step::Cargo(
+        "doc",
+        &["doc", "--workspace", "--no-deps"],
+        &[("RUSTDOCFLAGS", "-Dwarnings")],
+    ),
+];
