@@ -104,12 +104,7 @@ pub(crate) fn agree(
         }
         (count, sum / (1.0 + f32::from(count)))
     };
-    inverse_depth
-        .par_iter()
-        .enumerate()
-        .with_min_len(1 << 12)
-        .map(judge)
-        .collect()
+    inverse_depth.par_iter().enumerate().with_min_len(1 << 12).map(judge).collect()
 }
 
 /// 1 where the other view sees the pixel's point, 0 where it is hidden from it or outside.
@@ -122,12 +117,7 @@ pub(crate) fn visible(view: &View, inverse_depth: &[f32], witness: &Witness, pla
             Opinion::Agrees(_) | Opinion::Floats => 1.0,
         }
     };
-    inverse_depth
-        .par_iter()
-        .enumerate()
-        .with_min_len(1 << 12)
-        .map(judge)
-        .collect()
+    inverse_depth.par_iter().enumerate().with_min_len(1 << 12).map(judge).collect()
 }
 
 /// Whether the photographs contradict a pixel's point: its colour is far from what the views see there that should
@@ -159,10 +149,5 @@ pub(crate) fn contradicted(
         let median = *differences.select_nth_unstable_by(middle, f32::total_cmp).1;
         median > WRONG_DIFFERENCE || (floats && median > FLOATING_DIFFERENCE)
     };
-    inverse_depth
-        .par_iter()
-        .enumerate()
-        .with_min_len(1 << 12)
-        .map(judge)
-        .collect()
+    inverse_depth.par_iter().enumerate().with_min_len(1 << 12).map(judge).collect()
 }

@@ -46,10 +46,7 @@ impl WindowStatistics {
         let (width, height) = (texture.width, texture.height);
         let mut mean = vec![0.0; width * height];
         let mut inverse_deviation = vec![0.0; width * height];
-        let rows = mean
-            .par_chunks_mut(width)
-            .zip(inverse_deviation.par_chunks_mut(width))
-            .enumerate();
+        let rows = mean.par_chunks_mut(width).zip(inverse_deviation.par_chunks_mut(width)).enumerate();
         rows.for_each(|(y, (mean, inverse_deviation))| {
             let mut sums = vec![0.0; width + 2 * RADIUS];
             let mut squares = sums.clone();
@@ -68,10 +65,12 @@ impl WindowStatistics {
                 inverse_deviation[x] = 1.0 / (variance + NOISE_VARIANCE).sqrt();
             }
         });
-        Self {
-            mean,
-            inverse_deviation,
-        }
+        Self { mean, inverse_deviation }
+    }
+
+    /// Standard deviation of the luma in the window around a pixel, 8-bit levels.
+    pub(crate) fn deviation(&self, pixel: usize) -> f32 {
+        (self.inverse_deviation[pixel].powi(-2) - NOISE_VARIANCE).max(0.0).sqrt()
     }
 }
 
@@ -136,11 +135,7 @@ impl Strip {
         Self {
             warped: vec![0.0; (STRIP + 2 * RADIUS) * width],
             inside: vec![0.0; (STRIP + 2 * RADIUS) * width],
-            columns: ColumnSums {
-                warped: sums.clone(),
-                squares: sums.clone(),
-                products: sums,
-            },
+            columns: ColumnSums { warped: sums.clone(), squares: sums.clone(), products: sums },
             scratch: RowScratch::new(width),
         }
     }
@@ -165,9 +160,7 @@ impl Strip {
                 continue;
             }
             let (warped, inside) = (&mut self.warped[span(row)], &mut self.inside[span(row)]);
-            source
-                .texture
-                .warp_row(&source.pair, y, w(y), warped, inside, &mut self.scratch);
+            source.texture.warp_row(&source.pair, y, w(y), warped, inside, &mut self.scratch);
             if let Some(visible) = source.visible {
                 for (inside, &visible) in inside.iter_mut().zip(&visible[span(y)]) {
                     *inside *= visible;
@@ -179,19 +172,14 @@ impl Strip {
         columns.squares.fill(0.0);
         columns.products.fill(0.0);
         let centre = RADIUS..RADIUS + width;
-        let mut add = |columns: &mut ColumnSums, row: usize, sign: f32| {
+        let add = |columns: &mut ColumnSums, row: usize, sign: f32| {
             let sums = [
                 &mut columns.warped[centre.clone()],
                 &mut columns.squares[centre.clone()],
                 &mut columns.products[centre.clone()],
             ];
             let y = clamped(first, row, height);
-            add_row(
-                &self.warped[span(row)],
-                &reference.texture.values[span(y)],
-                sums,
-                sign,
-            );
+            add_row(&self.warped[span(row)], &reference.texture.values[span(y)], sums, sign);
         };
         for row in 0..2 * RADIUS {
             add(columns, row, 1.0);
@@ -248,10 +236,7 @@ fn by_strips<T: Send>(height: usize, work: impl Fn(usize, usize) -> T + Sync) ->
 
 /// Cost of the best two sources per pixel, 0..1; the smaller one alone where there is a single source.
 fn mean_of_two(smallest: &[f32], second: &[f32], sources: usize) -> impl Iterator<Item = f32> {
-    smallest
-        .iter()
-        .zip(second)
-        .map(move |(&a, &b)| if sources > 1 { 0.5 * (a + b) } else { a })
+    smallest.iter().zip(second).map(move |(&a, &b)| if sources > 1 { 0.5 * (a + b) } else { a })
 }
 
 /// The cost volume `[height, width, planes]`, 255 = no correlation, of fronto-parallel planes at `inverse_depths`.
@@ -259,39 +244,26 @@ pub(crate) fn plane_costs(reference: Reference, sources: &[Source], inverse_dept
     let (width, height) = (reference.texture.width, reference.texture.height);
     let planes = inverse_depths.len();
     let mut volume = vec![0_u8; width * height * planes];
-    volume
-        .par_chunks_mut(STRIP * width * planes)
-        .enumerate()
-        .for_each(|(strip_index, volume)| {
-            let first = strip_index * STRIP;
-            let n_rows = STRIP.min(height - first);
-            let pixels = n_rows * width;
-            let mut strip = Strip::new(width);
-            let (mut smallest, mut second) = (vec![0.0; pixels], vec![0.0; pixels]);
-            let mut by_plane = vec![0_u8; planes * pixels];
-            for (plane, &inverse_depth) in by_plane.chunks_exact_mut(pixels).zip(inverse_depths) {
-                smallest.fill(1.0);
-                second.fill(1.0);
-                let w = vec![inverse_depth; width];
-                for source in sources {
-                    strip.match_source(
-                        &reference,
-                        source,
-                        [first, n_rows],
-                        |_| &w,
-                        &mut smallest,
-                        &mut second,
-                    );
-                }
-                for (out, cost) in plane
-                    .iter_mut()
-                    .zip(mean_of_two(&smallest, &second, sources.len()))
-                {
-                    *out = (cost * 255.0 + 0.5) as u8;
-                }
+    volume.par_chunks_mut(STRIP * width * planes).enumerate().for_each(|(strip_index, volume)| {
+        let first = strip_index * STRIP;
+        let n_rows = STRIP.min(height - first);
+        let pixels = n_rows * width;
+        let mut strip = Strip::new(width);
+        let (mut smallest, mut second) = (vec![0.0; pixels], vec![0.0; pixels]);
+        let mut by_plane = vec![0_u8; planes * pixels];
+        for (plane, &inverse_depth) in by_plane.chunks_exact_mut(pixels).zip(inverse_depths) {
+            smallest.fill(1.0);
+            second.fill(1.0);
+            let w = vec![inverse_depth; width];
+            for source in sources {
+                strip.match_source(&reference, source, [first, n_rows], |_| &w, &mut smallest, &mut second);
             }
-            transpose(&by_plane, volume, pixels, planes);
-        });
+            for (out, cost) in plane.iter_mut().zip(mean_of_two(&smallest, &second, sources.len())) {
+                *out = (cost * 255.0 + 0.5) as u8;
+            }
+        }
+        transpose(&by_plane, volume, pixels, planes);
+    });
     volume
 }
 

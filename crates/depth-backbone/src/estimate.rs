@@ -1,4 +1,134 @@
-use gs_scene::View;
-pub(crate) fn depth_range(_v: &[View]) -> crate::Result<(f64, f64)> {
-    Err(crate::Error::RangeUnknown { reason: "x" })
+//! The depth range of a scene that nobody has told: a small sweep over nearly all depths, of which only well-textured
+//! matches that several views confirm are believed.
+
+use crate::cost::surface_costs;
+use crate::plane_sweep::{Matched, sweep, witnesses};
+use crate::range::Planes;
+use crate::{Error, Result, consistency, sources};
+use gs_scene::{Camera, Image, View};
+use rayon::prelude::*;
+
+/// The pictures are reduced until no side is longer than this, pixels.
+const LONGEST_SIDE: usize = 200;
+/// Planes of each pass.
+const PLANES: usize = 192;
+/// Largest disparity searched by the first pass, in units of the longer picture side.
+const LARGEST_DISPARITY: f64 = 1.5;
+/// Smallest disparity told from infinity, pixels of the reduced picture.
+const SMALLEST_DISPARITY: f64 = 0.1;
+/// Standard deviation of the luma (8-bit levels) in a window that is textured enough.
+const TEXTURED: f32 = 6.0;
+/// Matching cost of a believed match.
+const GOOD_COST: f32 = 0.25;
+/// Views that must confirm a match.
+const CONFIRMATIONS: u8 = 2;
+/// Matches below which nothing is concluded.
+const ENOUGH: usize = 50;
+/// Part of the matches that is nearer than near, and farther than far.
+const TAIL: f64 = 0.005;
+/// The second pass searches this much beyond the tails of the first, as a factor of inverse depth.
+const WIDER: f64 = 1.6;
+
+/// Near and far end of what the views see, z-depths in scene units: all but half a percent at either end.
+pub(crate) fn depth_range(views: &[View]) -> Result<(f64, f64)> {
+    let small: Vec<View> = views.par_iter().map(reduced).collect::<Result<_>>()?;
+    let cameras: Vec<Camera> = small.iter().map(|view| *view.camera()).collect();
+    let neighbours = neighbours(&cameras);
+    let (smallest, largest) = disparity_per_inverse_depth(&cameras, &neighbours)?;
+    let side = small.iter().map(|view| view.image().width().max(view.image().height())).max().unwrap_or(1);
+    let wide = Planes::between(
+        SMALLEST_DISPARITY / largest,
+        (LARGEST_DISPARITY * side as f64 / smallest).max(2.0 * SMALLEST_DISPARITY / largest),
+        PLANES,
+    );
+    let (far, near) = confirmed(&small, neighbours, &wide)?;
+    let limits = (wide.inverse_depth_at(0.0), wide.inverse_depth_at(1.0));
+    let (far, near) = ((far / WIDER).max(limits.0), (near * WIDER).min(limits.1));
+    let narrow = Planes::between(far, near, PLANES);
+    let (far, near) = confirmed(&small, sources::choose(&cameras, &narrow, 4), &narrow)?;
+    Ok((1.0 / near, 1.0 / far))
+}
+
+/// A view at a fraction of its size, by averaging blocks.
+fn reduced(view: &View) -> Result<View> {
+    let image = view.image();
+    let factor = image.width().max(image.height()).div_ceil(LONGEST_SIDE);
+    let (width, height) = ((image.width() / factor).max(1), (image.height() / factor).max(1));
+    let (block_x, block_y) = (factor.min(image.width()), factor.min(image.height()));
+    let mut data = vec![0.0; width * height * 3];
+    for (i, value) in data.iter_mut().enumerate() {
+        let (x, y, channel) = (i / 3 % width, i / 3 / width, i % 3);
+        let rows = y * factor..y * factor + block_y;
+        let sum: f32 = rows
+            .flat_map(|y| (x * factor..x * factor + block_x).map(move |x| (x, y)))
+            .map(|(x, y)| image.data()[(y * image.width() + x) * 3 + channel])
+            .sum();
+        *value = sum / (block_x * block_y) as f32;
+    }
+    let lens = *view.camera().intrinsics();
+    let lens = lens.cropped(0, 0, width * block_x, height * block_y).resized(width, height);
+    let camera = view.camera().with_intrinsics(lens)?;
+    Ok(View::new(view.name(), Image::new(width, height, data)?, camera, None)?)
+}
+
+/// For each camera up to four others that look the same way (within 60 degrees), nearest first.
+fn neighbours(cameras: &[Camera]) -> Vec<Vec<usize>> {
+    let of = |i: usize| {
+        let distance = |j: usize| cameras[i].position().distance(cameras[j].position());
+        let mut others: Vec<usize> = (0..cameras.len())
+            .filter(|&j| j != i && distance(j) > 0.0 && cameras[i].forward().dot(cameras[j].forward()) > 0.5)
+            .collect();
+        others.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
+        others.truncate(4);
+        others
+    };
+    (0..cameras.len()).map(of).collect()
+}
+
+/// Smallest (over the views, of their nearest neighbour) and largest focal length times baseline: pixels of disparity
+/// per unit of inverse depth.
+fn disparity_per_inverse_depth(cameras: &[Camera], neighbours: &[Vec<usize>]) -> Result<(f64, f64)> {
+    let (mut smallest, mut largest) = (f64::INFINITY, 0.0_f64);
+    for (camera, others) in cameras.iter().zip(neighbours) {
+        let per_inverse_depth =
+            |&other: &usize| camera.intrinsics().fx * camera.position().distance(cameras[other].position());
+        if let Some(nearest) = others.first() {
+            smallest = smallest.min(per_inverse_depth(nearest));
+        }
+        largest = others.iter().map(per_inverse_depth).fold(largest, f64::max);
+    }
+    if largest == 0.0 {
+        return Err(Error::RangeUnknown { reason: "no two cameras stand apart and look the same way" });
+    }
+    Ok((smallest, largest))
+}
+
+/// Inverse depths of the far and near tail of the matches that the views confirm to each other.
+fn confirmed(views: &[View], sources: Vec<Vec<usize>>, planes: &Planes) -> Result<(f64, f64)> {
+    let matched: Vec<Matched> =
+        views.par_iter().zip(sources).map(|(view, sources)| Matched::new(view, sources)).collect();
+    let inverse_depths: Vec<Vec<f32>> =
+        matched.par_iter().map(|view| sweep(view, &matched, planes)).collect();
+    let needed = CONFIRMATIONS.min(views.len().saturating_sub(1).try_into().unwrap_or(u8::MAX));
+    let believed = |i: usize| -> Vec<f32> {
+        let view = &matched[i];
+        let own = &inverse_depths[i];
+        let agreed = consistency::agree(view.view, own, &witnesses(i, &matched, &inverse_depths), planes);
+        let sources: Vec<_> =
+            view.sources.iter().map(|&s| matched[s].source(view.view.camera(), None)).collect();
+        let costs = surface_costs(view.reference(), &sources, own);
+        (0..own.len())
+            .filter(|&p| {
+                agreed[p].0 >= needed && costs[p] < GOOD_COST && view.statistics.deviation(p) > TEXTURED
+            })
+            .map(|p| own[p])
+            .collect()
+    };
+    let mut all: Vec<f32> = (0..views.len()).into_par_iter().flat_map_iter(believed).collect();
+    if all.len() < ENOUGH {
+        return Err(Error::RangeUnknown { reason: "too few matches that several views confirm" });
+    }
+    all.sort_by(f32::total_cmp);
+    let at = |part: f64| f64::from(all[((all.len() - 1) as f64 * part).round() as usize]);
+    Ok((at(TAIL), at(1.0 - TAIL).max(at(TAIL) * 1.05)))
 }

@@ -1,9 +1,215 @@
-use gs_scene::*;
-pub(crate) fn bank(v: &View, _d: &DepthMap, _c: &[f32]) -> crate::Result<FeatureMap> {
-    Ok(FeatureMap::new(
-        1,
-        v.image().width(),
-        v.image().height(),
-        v.image().luma(),
-    )?)
+//! The feature bank F of the backbones without a network: 32 channels at the picture's size, all near 0..1 or -1..1.
+
+use crate::Result;
+use gs_scene::{DepthMap, FeatureMap, View};
+use rayon::prelude::*;
+
+/// Half the windows of the local means and deviations: 3×3, 7×7 and 15×15 pixels.
+const RADII: [usize; 3] = [1, 3, 7];
+
+/// What each channel holds, in order.
+pub const FEATURE_NAMES: [&str; 32] = [
+    "red",
+    "green",
+    "blue",
+    "red, mean of 3x3",
+    "green, mean of 3x3",
+    "blue, mean of 3x3",
+    "red, mean of 7x7",
+    "green, mean of 7x7",
+    "blue, mean of 7x7",
+    "red, mean of 15x15",
+    "green, mean of 15x15",
+    "blue, mean of 15x15",
+    "luma, deviation of 3x3",
+    "luma, deviation of 7x7",
+    "luma, deviation of 15x15",
+    "red minus mean of 7x7",
+    "green minus mean of 7x7",
+    "blue minus mean of 7x7",
+    "luma, gradient to the right",
+    "luma, gradient downwards",
+    "luma, gradient to the right, of the 7x7 means",
+    "luma, gradient downwards, of the 7x7 means",
+    "luma, Laplacian",
+    "luma, Laplacian of the 7x7 means",
+    "logarithm of depth over the view's median depth",
+    "relative change of depth to the right, times 10",
+    "relative change of depth downwards, times 10",
+    "relative deviation of inverse depth in 7x7, times 10",
+    "confidence",
+    "matching cost",
+    "column, -1 left to 1 right",
+    "row, -1 top to 1 bottom",
+];
+
+/// Means over square windows, cut at the border: a plane `[height, width]` to the same.
+fn box_mean(plane: &[f32], width: usize, radius: usize) -> Vec<f32> {
+    let height = plane.len() / width;
+    let along = |line: &dyn Fn(usize) -> f32, n: usize, out: &mut dyn FnMut(usize, f32)| {
+        // Prefix sums in f64: windows at the far end lose nothing.
+        let mut sums = Vec::with_capacity(n + 1);
+        sums.push(0.0_f64);
+        let mut sum = 0.0;
+        for i in 0..n {
+            sum += f64::from(line(i));
+            sums.push(sum);
+        }
+        for i in 0..n {
+            let (from, to) = (i.saturating_sub(radius), (i + radius + 1).min(n));
+            out(i, ((sums[to] - sums[from]) / (to - from) as f64) as f32);
+        }
+    };
+    let mut rows = vec![0.0; plane.len()];
+    for y in 0..height {
+        along(&|x| plane[y * width + x], width, &mut |x, mean| rows[y * width + x] = mean);
+    }
+    let mut means = vec![0.0; plane.len()];
+    for x in 0..width {
+        along(&|y| rows[y * width + x], height, &mut |y, mean| means[y * width + x] = mean);
+    }
+    means
+}
+
+/// Deviation in square windows.
+fn box_deviation(plane: &[f32], width: usize, radius: usize) -> Vec<f32> {
+    let squares: Vec<f32> = plane.iter().map(|v| v * v).collect();
+    let (mean, square) = (box_mean(plane, width, radius), box_mean(&squares, width, radius));
+    mean.iter().zip(square).map(|(m, s)| (s - m * m).max(0.0).sqrt()).collect()
+}
+
+/// Applies `stencil(left, right, up, down, centre)` with the border repeated.
+fn neighbourhood(plane: &[f32], width: usize, stencil: impl Fn([f32; 4], f32) -> f32) -> Vec<f32> {
+    let height = plane.len() / width;
+    (0..plane.len())
+        .map(|i| {
+            let (x, y) = (i % width, i / width);
+            let at = |x: usize, y: usize| plane[y.min(height - 1) * width + x.min(width - 1)];
+            stencil(
+                [at(x.saturating_sub(1), y), at(x + 1, y), at(x, y.saturating_sub(1)), at(x, y + 1)],
+                plane[i],
+            )
+        })
+        .collect()
+}
+
+fn horizontal([left, right, _, _]: [f32; 4], _: f32) -> f32 {
+    0.5 * (right - left)
+}
+
+fn vertical([_, _, up, down]: [f32; 4], _: f32) -> f32 {
+    0.5 * (down - up)
+}
+
+fn laplacian([left, right, up, down]: [f32; 4], centre: f32) -> f32 {
+    0.25 * (left + right + up + down) - centre
+}
+
+/// The bank of one view: the channels of [`FEATURE_NAMES`], `[32, height, width]`. `cost` is the matching cost per
+/// pixel, 0..1. Where depth is missing its channels are 0.
+pub(crate) fn bank(view: &View, depth: &DepthMap, confidence: &[f32], cost: &[f32]) -> Result<FeatureMap> {
+    let (width, height) = (depth.width(), depth.height());
+    let colour: [Vec<f32>; 3] =
+        std::array::from_fn(|c| view.image().data().iter().skip(c).step_by(3).copied().collect());
+    let luma = view.image().luma();
+    let smooth_luma = box_mean(&luma, width, RADII[1]);
+
+    let mut known: Vec<f32> = depth.data().iter().copied().filter(|&d| d > 0.0).collect();
+    let middle = known.len() / 2;
+    let median = if known.is_empty() { 1.0 } else { *known.select_nth_unstable_by(middle, f32::total_cmp).1 };
+    let log_depth: Vec<f32> =
+        depth.data().iter().map(|&d| if d > 0.0 { (d / median).ln() } else { 0.0 }).collect();
+    let relative: Vec<f32> = depth.data().iter().map(|&d| if d > 0.0 { median / d } else { 0.0 }).collect();
+
+    let means = RADII.into_par_iter().flat_map(|radius| {
+        colour.par_iter().map(move |channel| box_mean(channel, width, radius)).collect::<Vec<_>>()
+    });
+    let means: Vec<Vec<f32>> = means.collect();
+    let times_ten = |plane: Vec<f32>| plane.into_iter().map(|v| 10.0 * v).collect::<Vec<f32>>();
+    let position = |of: &dyn Fn(usize) -> (usize, usize)| -> Vec<f32> {
+        let centred = |(i, n): (usize, usize)| (2 * i + 1) as f32 / n as f32 - 1.0;
+        (0..width * height).map(|i| centred(of(i))).collect()
+    };
+
+    let mut channels: Vec<Vec<f32>> = colour.to_vec();
+    channels.extend(means.iter().cloned());
+    channels.extend(RADII.map(|radius| box_deviation(&luma, width, radius)));
+    for (channel, mean) in colour.iter().zip(&means[3..6]) {
+        channels.push(channel.iter().zip(mean).map(|(v, m)| v - m).collect());
+    }
+    channels.push(neighbourhood(&luma, width, horizontal));
+    channels.push(neighbourhood(&luma, width, vertical));
+    channels.push(neighbourhood(&smooth_luma, width, horizontal));
+    channels.push(neighbourhood(&smooth_luma, width, vertical));
+    channels.push(neighbourhood(&luma, width, laplacian));
+    channels.push(neighbourhood(&smooth_luma, width, laplacian));
+    channels.push(log_depth.clone());
+    channels.push(times_ten(neighbourhood(&log_depth, width, horizontal)));
+    channels.push(times_ten(neighbourhood(&log_depth, width, vertical)));
+    channels.push(times_ten(box_deviation(&relative, width, RADII[1])));
+    channels.push(confidence.to_vec());
+    channels.push(cost.to_vec());
+    channels.push(position(&|i| (i % width, width)));
+    channels.push(position(&|i| (i / width, height)));
+    Ok(FeatureMap::new(channels.len(), width, height, channels.concat())?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec3};
+    use gs_scene::{Camera, Image, Intrinsics};
+    use proptest::prelude::*;
+
+    fn view(width: usize, height: usize, data: Vec<f32>) -> View {
+        let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 3.0, cy: 2.0, width, height };
+        let camera = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        View::new("v", Image::new(width, height, data).unwrap(), camera, None).unwrap()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+        #[test]
+        fn box_mean_equals_the_plain_sum(width in 1usize..12, height in 1usize..9, radius in 0usize..6, seed: u32) {
+            let plane: Vec<f32> =
+                (0..width * height).map(|i| (seed.wrapping_mul(2_654_435_761).wrapping_add(i as u32 * 977) >> 8) as f32 / 1e7).collect();
+            let means = box_mean(&plane, width, radius);
+            for (i, mean) in means.iter().enumerate() {
+                let (x, y) = (i % width, i / width);
+                let inside: Vec<f32> = (0..plane.len())
+                    .filter(|j| (j % width).abs_diff(x) <= radius && (j / width).abs_diff(y) <= radius)
+                    .map(|j| plane[j])
+                    .collect();
+                prop_assert!((mean - inside.iter().sum::<f32>() / inside.len() as f32).abs() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn a_flat_picture_at_one_depth_has_no_contrast() {
+        let map = bank(
+            &view(6, 4, vec![0.4; 72]),
+            &DepthMap::new(6, 4, vec![2.0; 24]).unwrap(),
+            &[1.0; 24],
+            &[0.3; 24],
+        )
+        .unwrap();
+        assert_eq!(map.channels(), FEATURE_NAMES.len());
+        for (channel, name) in FEATURE_NAMES.iter().enumerate().skip(12).take(16) {
+            assert!(map.channel(channel).iter().all(|v| v.abs() < 2e-3), "{name}");
+        }
+        assert!(map.channel(4).iter().all(|v| (v - 0.4).abs() < 1e-6));
+        assert_eq!((map.channel(28)[0], map.channel(29)[0]), (1.0, 0.3));
+    }
+
+    #[test]
+    fn a_ramp_has_its_slope_and_missing_depth_is_finite() {
+        let data = (0..24).flat_map(|i| [(i % 6) as f32 * 0.1; 3]).collect();
+        let map =
+            bank(&view(6, 4, data), &DepthMap::new(6, 4, vec![0.0; 24]).unwrap(), &[0.0; 24], &[1.0; 24])
+                .unwrap();
+        assert!((map.channel(18)[8] - 0.1).abs() < 1e-6);
+        assert!(map.data().iter().all(|v| v.is_finite()));
+        assert!((map.channel(30)[0] + 5.0 / 6.0).abs() < 1e-6);
+    }
 }

@@ -37,11 +37,8 @@ fn solve_line(values: &mut [[f64; 2]], links: &[f64], scratch: &mut [f64]) {
 /// weight reaches, the result is `None`.
 pub(crate) fn interpolate(values: &[f32], weights: &[f32], luma: &[f32], width: usize) -> Vec<Option<f32>> {
     let height = luma.len() / width;
-    let mut field: Vec<[f64; 2]> = values
-        .iter()
-        .zip(weights)
-        .map(|(&v, &w)| [f64::from(v) * f64::from(w), f64::from(w)])
-        .collect();
+    let mut field: Vec<[f64; 2]> =
+        values.iter().zip(weights).map(|(&v, &w)| [f64::from(v) * f64::from(w), f64::from(w)]).collect();
     let mut turned = vec![[0.0; 2]; field.len()];
     let link = |a: usize, b: usize| (-f64::from((luma[a] - luma[b]).abs()) / EDGE_LEVELS).exp();
     let total = f64::from(4_u32.pow(ROUNDS) - 1);
@@ -74,10 +71,7 @@ pub(crate) fn interpolate(values: &[f32], weights: &[f32], luma: &[f32], width: 
             }
         });
     }
-    field
-        .iter()
-        .map(|[sum, weight]| (*weight > 1e-200).then(|| (sum / weight) as f32))
-        .collect()
+    field.iter().map(|[sum, weight]| (*weight > 1e-200).then(|| (sum / weight) as f32)).collect()
 }
 
 #[cfg(test)]
@@ -88,9 +82,7 @@ mod tests {
     fn a_hole_takes_the_value_of_its_own_colour() {
         // Left half dark at 1, right half bright at 3; a hole in the middle of each.
         let (width, height) = (20, 10);
-        let luma: Vec<f32> = (0..200)
-            .map(|i| if i % width < 10 { 20.0 } else { 200.0 })
-            .collect();
+        let luma: Vec<f32> = (0..200).map(|i| if i % width < 10 { 20.0 } else { 200.0 }).collect();
         let values: Vec<f32> = (0..200).map(|i| if i % width < 10 { 1.0 } else { 3.0 }).collect();
         let weights: Vec<f32> = (0..width * height)
             .map(|i| f32::from(u8::from((i % width) % 10 < 3 || (i % width) % 10 > 7)))
@@ -104,11 +96,7 @@ mod tests {
     #[test]
     fn nothing_to_go_by_is_none_and_one_value_reaches_everywhere() {
         let luma = vec![10.0; 12];
-        assert!(
-            interpolate(&[0.0; 12], &[0.0; 12], &luma, 4)
-                .iter()
-                .all(Option::is_none)
-        );
+        assert!(interpolate(&[0.0; 12], &[0.0; 12], &luma, 4).iter().all(Option::is_none));
         let mut weights = [0.0; 12];
         weights[5] = 1.0;
         let filled = interpolate(&[2.5; 12], &weights, &luma, 4);

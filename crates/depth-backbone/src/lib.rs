@@ -3,6 +3,7 @@
 mod backbone;
 mod error;
 
+mod given_depth;
 mod plane_sweep;
 
 mod range;
@@ -22,5 +23,7 @@ mod features;
 
 pub use backbone::{DepthBackbone, ViewGeometry, Wanted};
 pub use error::{Error, Result};
+pub use features::FEATURE_NAMES;
+pub use given_depth::GivenDepth;
 pub use plane_sweep::PlaneSweep;
 pub use range::DepthRange;

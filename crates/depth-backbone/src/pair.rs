@@ -30,11 +30,7 @@ impl Pair {
             calibration(source.intrinsics()) * rotation * calibration(reference.intrinsics()).inverse();
         let epipole = calibration(source.intrinsics()) * translation;
         Self {
-            infinite: [
-                infinite.x_axis.as_vec3(),
-                infinite.y_axis.as_vec3(),
-                infinite.z_axis.as_vec3(),
-            ],
+            infinite: [infinite.x_axis.as_vec3(), infinite.y_axis.as_vec3(), infinite.z_axis.as_vec3()],
             epipole: epipole.as_vec3(),
         }
     }
@@ -67,14 +63,7 @@ mod tests {
 
     #[test]
     fn equals_unprojection_and_projection_even_far_from_the_origin() {
-        let lens = Intrinsics {
-            fx: 310.0,
-            fy: 290.0,
-            cx: 150.0,
-            cy: 111.0,
-            width: 320,
-            height: 240,
-        };
+        let lens = Intrinsics { fx: 310.0, fy: 290.0, cx: 150.0, cy: 111.0, width: 320, height: 240 };
         for offset in [0.0, 1e4] {
             let origin = DVec3::new(offset, -offset, offset);
             let a =
@@ -86,10 +75,7 @@ mod tests {
                 let world = a.unproject(DVec2::new(u, v), depth);
                 let expected = b.project(world).unwrap();
                 let h = pair.project(u as f32, v as f32, (1.0 / depth) as f32);
-                assert!(
-                    (f64::from(h.x / h.z) - expected.x).abs() < 2e-3,
-                    "offset {offset}"
-                );
+                assert!((f64::from(h.x / h.z) - expected.x).abs() < 2e-3, "offset {offset}");
                 assert!((f64::from(h.y / h.z) - expected.y).abs() < 2e-3);
                 assert!((f64::from(h.z) * depth - b.to_camera(world).z).abs() < 1e-4 * depth);
             }

@@ -6,7 +6,7 @@ use crate::cost::{Reference, Source, WindowStatistics, plane_costs, surface_cost
 use crate::pair::Pair;
 use crate::range::{DepthRange, Planes};
 use crate::texture::Texture;
-use crate::{Error, Result, fill, sgm, sources};
+use crate::{Error, Result, features, fill, sgm, sources};
 use gs_scene::{Camera, DepthMap, View};
 use rayon::prelude::*;
 
@@ -24,11 +24,7 @@ pub struct PlaneSweep {
 
 impl Default for PlaneSweep {
     fn default() -> Self {
-        Self {
-            range: DepthRange::Estimate,
-            planes: 128,
-            sources: 4,
-        }
+        Self { range: DepthRange::Estimate, planes: 128, sources: 4 }
     }
 }
 
@@ -36,27 +32,26 @@ impl Default for PlaneSweep {
 const REFINEMENT_ROUNDS: [f32; 2] = [1.6, 0.5];
 
 /// One view on its way through the stages.
-struct Matched<'a> {
-    view: &'a View,
-    texture: Texture,
-    statistics: WindowStatistics,
-    sources: Vec<usize>,
+pub(crate) struct Matched<'a> {
+    pub(crate) view: &'a View,
+    pub(crate) texture: Texture,
+    pub(crate) statistics: WindowStatistics,
+    pub(crate) sources: Vec<usize>,
 }
 
-impl Matched<'_> {
-    fn reference(&self) -> Reference<'_> {
-        Reference {
-            texture: &self.texture,
-            statistics: &self.statistics,
-        }
+impl<'v> Matched<'v> {
+    pub(crate) fn new(view: &'v View, sources: Vec<usize>) -> Self {
+        let texture = Texture::new(view.image());
+        let statistics = WindowStatistics::new(&texture);
+        Self { view, texture, statistics, sources }
     }
 
-    fn source<'a>(&'a self, reference: &Camera, visible: Option<&'a [f32]>) -> Source<'a> {
-        Source {
-            texture: &self.texture,
-            pair: Pair::new(reference, self.view.camera()),
-            visible,
-        }
+    pub(crate) fn reference(&self) -> Reference<'_> {
+        Reference { texture: &self.texture, statistics: &self.statistics }
+    }
+
+    pub(crate) fn source<'a>(&'a self, reference: &Camera, visible: Option<&'a [f32]>) -> Source<'a> {
+        Source { texture: &self.texture, pair: Pair::new(reference, self.view.camera()), visible }
     }
 }
 
@@ -77,35 +72,17 @@ impl DepthBackbone for PlaneSweep {
     fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
         check(views)?;
         if self.sources == 0 {
-            return Err(Error::Setting {
-                setting: "sources",
-                found: 0.0,
-                expected: "1 or more",
-            });
+            return Err(Error::Setting { setting: "sources", found: 0.0, expected: "1 or more" });
         }
         let (near, far) = self.depth_range(views)?;
         let planes = Planes::new(near, far, self.planes)?;
         let cameras: Vec<Camera> = views.iter().map(|view| *view.camera()).collect();
         let chosen = sources::choose(&cameras, &planes, self.sources);
-        let matched: Vec<Matched> = views
-            .par_iter()
-            .zip(chosen)
-            .map(|(view, sources)| {
-                let texture = Texture::new(view.image());
-                let statistics = WindowStatistics::new(&texture);
-                Matched {
-                    view,
-                    texture,
-                    statistics,
-                    sources,
-                }
-            })
-            .collect();
+        let matched: Vec<Matched> =
+            views.par_iter().zip(chosen).map(|(view, sources)| Matched::new(view, sources)).collect();
 
-        let mut inverse_depths: Vec<Vec<f32>> = matched
-            .par_iter()
-            .map(|view| sweep(view, &matched, &planes))
-            .collect();
+        let mut inverse_depths: Vec<Vec<f32>> =
+            matched.par_iter().map(|view| sweep(view, &matched, &planes)).collect();
         for reach in REFINEMENT_ROUNDS {
             let refined = matched
                 .par_iter()
@@ -120,36 +97,34 @@ impl DepthBackbone for PlaneSweep {
             .collect();
         let (inverse_depths, mut confidences): (Vec<_>, Vec<_>) = filled.into_iter().unzip();
 
-        confidences
-            .par_iter_mut()
-            .enumerate()
-            .for_each(|(i, confidence)| {
-                let witnesses = witnesses(i, &matched, &inverse_depths);
-                let wrong = contradicted(matched[i].view, &inverse_depths[i], &witnesses, &planes);
-                for (confidence, wrong) in confidence.iter_mut().zip(wrong) {
-                    if wrong {
-                        *confidence = 0.0;
-                    }
+        confidences.par_iter_mut().enumerate().for_each(|(i, confidence)| {
+            let witnesses = witnesses(i, &matched, &inverse_depths);
+            let wrong = contradicted(matched[i].view, &inverse_depths[i], &witnesses, &planes);
+            for (confidence, wrong) in confidence.iter_mut().zip(wrong) {
+                if wrong {
+                    *confidence = 0.0;
                 }
-            });
-        matched
-            .par_iter()
-            .zip(inverse_depths)
+            }
+        });
+        (0..views.len())
+            .into_par_iter()
             .zip(confidences)
-            .map(|((matched, inverse_depth), confidence)| {
-                let (width, height) = (matched.texture.width, matched.texture.height);
+            .map(|(i, confidence)| {
+                let view = &matched[i];
+                let inverse_depth = &inverse_depths[i];
+                let (width, height) = (view.texture.width, view.texture.height);
                 let depth = DepthMap::new(width, height, inverse_depth.iter().map(|w| 1.0 / w).collect())?;
                 let features = match wanted {
                     Wanted::Depth => None,
                     Wanted::DepthAndFeatures => {
-                        Some(crate::features::bank(matched.view, &depth, &confidence)?)
+                        let camera = view.view.camera();
+                        let sources: Vec<Source> =
+                            view.sources.iter().map(|&s| matched[s].source(camera, None)).collect();
+                        let cost = surface_costs(view.reference(), &sources, inverse_depth);
+                        Some(features::bank(view.view, &depth, &confidence, &cost)?)
                     }
                 };
-                Ok(ViewGeometry {
-                    depth,
-                    confidence,
-                    features,
-                })
+                Ok(ViewGeometry { depth, confidence, features })
             })
             .collect()
     }
@@ -175,7 +150,11 @@ fn check(views: &[View]) -> Result<()> {
     Ok(())
 }
 
-fn witnesses<'a>(of: usize, matched: &'a [Matched], inverse_depths: &'a [Vec<f32>]) -> Vec<Witness<'a>> {
+pub(crate) fn witnesses<'a>(
+    of: usize,
+    matched: &'a [Matched],
+    inverse_depths: &'a [Vec<f32>],
+) -> Vec<Witness<'a>> {
     (0..matched.len())
         .filter(|&other| other != of)
         .map(|other| Witness::new(matched[of].view, matched[other].view, &inverse_depths[other]))
@@ -183,25 +162,13 @@ fn witnesses<'a>(of: usize, matched: &'a [Matched], inverse_depths: &'a [Vec<f32
 }
 
 /// First estimate of a view's inverse depth: sweep and semi-global matching.
-fn sweep(view: &Matched, all: &[Matched], planes: &Planes) -> Vec<f32> {
+pub(crate) fn sweep(view: &Matched, all: &[Matched], planes: &Planes) -> Vec<f32> {
     let camera = view.view.camera();
-    let sources: Vec<Source> = view
-        .sources
-        .iter()
-        .map(|&s| all[s].source(camera, None))
-        .collect();
+    let sources: Vec<Source> = view.sources.iter().map(|&s| all[s].source(camera, None)).collect();
     let inverse_depths = planes.inverse_depths();
     let costs = plane_costs(view.reference(), &sources, &inverse_depths);
-    let sums = sgm::aggregate(
-        &costs,
-        &view.texture.values,
-        view.texture.width,
-        inverse_depths.len(),
-    );
-    sgm::winners(&sums, inverse_depths.len())
-        .into_iter()
-        .map(|plane| planes.inverse_depth(plane))
-        .collect()
+    let sums = sgm::aggregate(&costs, &view.texture.values, view.texture.width, inverse_depths.len());
+    sgm::winners(&sums, inverse_depths.len()).into_iter().map(|plane| planes.inverse_depth(plane)).collect()
 }
 
 /// Moves each pixel by up to `reach` plane steps to where its window, now following the surface, matches best in the
@@ -219,12 +186,7 @@ fn refine(
         .sources
         .iter()
         .map(|&s| {
-            visible(
-                view.view,
-                current,
-                &Witness::new(view.view, all[s].view, &inverse_depths[s]),
-                planes,
-            )
+            visible(view.view, current, &Witness::new(view.view, all[s].view, &inverse_depths[s]), planes)
         })
         .collect();
     let sources: Vec<Source> = view
@@ -236,10 +198,7 @@ fn refine(
     let (farthest, nearest) = planes.ends();
     let step = reach * planes.step();
     let shifted = |offset: f32| -> Vec<f32> {
-        current
-            .iter()
-            .map(|w| (w + offset * step).clamp(farthest, nearest))
-            .collect()
+        current.iter().map(|w| (w + offset * step).clamp(farthest, nearest)).collect()
     };
     let costs: Vec<Vec<f32>> = [-1.0, 0.0, 1.0]
         .iter()
@@ -270,12 +229,7 @@ fn fuse_and_fill(
     planes: &Planes,
 ) -> (Vec<f32>, Vec<f32>) {
     let view = &all[index];
-    let agreed = agree(
-        view.view,
-        &inverse_depths[index],
-        &witnesses(index, all, inverse_depths),
-        planes,
-    );
+    let agreed = agree(view.view, &inverse_depths[index], &witnesses(index, all, inverse_depths), planes);
     let weights: Vec<f32> = agreed.iter().map(|&(count, _)| f32::from(count)).collect();
     let values: Vec<f32> = agreed.iter().map(|&(_, mean)| mean).collect();
     let filled = fill::interpolate(&values, &weights, &view.texture.values, view.texture.width);

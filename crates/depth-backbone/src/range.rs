@@ -37,18 +37,15 @@ impl Planes {
             return Err(Error::Range { near, far });
         }
         if count < 2 {
-            return Err(Error::Setting {
-                setting: "planes",
-                found: count as f64,
-                expected: "2 or more",
-            });
+            return Err(Error::Setting { setting: "planes", found: count as f64, expected: "2 or more" });
         }
-        let (farthest, nearest) = (1.0 / (far * FAR_MARGIN), 1.0 / (near * NEAR_MARGIN));
-        Ok(Self {
-            farthest,
-            step: (nearest - farthest) / (count - 1) as f64,
-            count,
-        })
+        Ok(Self::between(1.0 / (far * FAR_MARGIN), 1.0 / (near * NEAR_MARGIN), count))
+    }
+
+    /// `count` planes, two or more, between two inverse depths, smaller first.
+    pub(crate) fn between(farthest: f64, nearest: f64, count: usize) -> Self {
+        assert!(count >= 2 && farthest > 0.0 && farthest < nearest, "planes from {farthest} to {nearest}");
+        Self { farthest, step: (nearest - farthest) / (count - 1) as f64, count }
     }
 
     /// Inverse depth at a part (0 far, 1 near) of the range.
@@ -68,17 +65,12 @@ impl Planes {
 
     /// Smallest and largest inverse depth.
     pub(crate) fn ends(&self) -> (f32, f32) {
-        (
-            self.inverse_depth(0.0),
-            self.inverse_depth((self.count - 1) as f32),
-        )
+        (self.inverse_depth(0.0), self.inverse_depth((self.count - 1) as f32))
     }
 
     /// All inverse depths, far to near.
     pub(crate) fn inverse_depths(&self) -> Vec<f32> {
-        (0..self.count)
-            .map(|plane| self.inverse_depth(plane as f32))
-            .collect()
+        (0..self.count).map(|plane| self.inverse_depth(plane as f32)).collect()
     }
 }
 
@@ -92,13 +84,7 @@ mod tests {
         let w = planes.inverse_depths();
         assert!((w[0] - 0.1).abs() < 1e-7 && (w[4] - 0.625).abs() < 1e-7);
         assert!((w[1] - w[0] - planes.step()).abs() < 1e-7);
-        for (near, far) in [
-            (0.0, 1.0),
-            (2.0, 1.0),
-            (f64::NAN, 1.0),
-            (1.0, f64::INFINITY),
-            (1.0, 1.0),
-        ] {
+        for (near, far) in [(0.0, 1.0), (2.0, 1.0), (f64::NAN, 1.0), (1.0, f64::INFINITY), (1.0, 1.0)] {
             assert!(matches!(Planes::new(near, far, 8), Err(Error::Range { .. })));
         }
         assert!(matches!(Planes::new(1.0, 2.0, 1), Err(Error::Setting { .. })));

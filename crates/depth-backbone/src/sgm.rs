@@ -82,11 +82,7 @@ pub(crate) fn aggregate(cost: &[u8], luma: &[f32], width: usize, planes: usize) 
                     let x = x as isize + if backward { -by } else { by };
                     (0..width as isize).contains(&x).then_some(x as usize)
                 };
-                let previous_row = if backward {
-                    pixel + width
-                } else {
-                    pixel.wrapping_sub(width)
-                };
+                let previous_row = if backward { pixel + width } else { pixel.wrapping_sub(width) };
 
                 let price = toward(x, -1).map_or(0, |from| jump(y * width + from));
                 spare.minimum = advance(costs, &along.costs, along.minimum, price, &mut spare.costs, sums);
@@ -126,11 +122,7 @@ fn winner(sums: &[u16]) -> f32 {
         return best as f32;
     }
     let curvature = at(best - 1) - 2.0 * at(best) + at(best + 1);
-    let shift = if curvature > 0.0 {
-        0.5 * (at(best - 1) - at(best + 1)) / curvature
-    } else {
-        0.0
-    };
+    let shift = if curvature > 0.0 { 0.5 * (at(best - 1) - at(best + 1)) / curvature } else { 0.0 };
     best as f32 + shift.clamp(-0.5, 0.5)
 }
 
@@ -143,20 +135,10 @@ mod tests {
     fn aggregate_plainly(cost: &[u8], luma: &[f32], width: usize, planes: usize) -> Vec<u16> {
         let height = (luma.len() / width) as isize;
         let mut total = vec![0_u16; cost.len()];
-        for (dx, dy) in [
-            (1, 0),
-            (-1, 0),
-            (0, 1),
-            (0, -1),
-            (1, 1),
-            (-1, -1),
-            (1, -1),
-            (-1, 1),
-        ] {
+        for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)] {
             let mut path = vec![0_i32; cost.len()];
-            let mut order: Vec<(isize, isize)> = (0..height)
-                .flat_map(|y| (0..width as isize).map(move |x| (x, y)))
-                .collect();
+            let mut order: Vec<(isize, isize)> =
+                (0..height).flat_map(|y| (0..width as isize).map(move |x| (x, y))).collect();
             order.sort_by_key(|&(x, y)| (y * dy, x * dx));
             for (x, y) in order {
                 let pixel = y as usize * width + x as usize;

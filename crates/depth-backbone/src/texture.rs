@@ -49,12 +49,7 @@ impl Texture {
             })
             .collect();
         let values = luma.iter().map(|&v| f32::from(v) - MID_GREY).collect();
-        Self {
-            width,
-            height,
-            values,
-            packed,
-        }
+        Self { width, height, values, packed }
     }
 
     /// Samples this texture at where the pixels of reference row `y` fall at the inverse depths `w` (one per pixel).
@@ -74,11 +69,7 @@ impl Texture {
         // u = x + 0.5: the centre of the first pixel.
         let start = pair.row(y as f32 + 0.5) + pair.step() * 0.5;
         locate(
-            [
-                start.to_array(),
-                pair.step().to_array(),
-                pair.epipole().to_array(),
-            ],
+            [start.to_array(), pair.step().to_array(), pair.epipole().to_array()],
             size,
             w,
             &mut scratch.index[..n],
@@ -89,12 +80,7 @@ impl Texture {
         for (texel, &index) in scratch.texels[..n].iter_mut().zip(&scratch.index[..n]) {
             *texel = self.packed[index as usize];
         }
-        blend(
-            &scratch.texels[..n],
-            &scratch.fraction_x[..n],
-            &scratch.fraction_y[..n],
-            out,
-        );
+        blend(&scratch.texels[..n], &scratch.fraction_x[..n], &scratch.fraction_y[..n], out);
     }
 }
 
@@ -160,17 +146,8 @@ mod tests {
     #[test]
     fn a_shifted_camera_sees_the_shifted_picture() {
         let (width, height) = (40, 20);
-        let lens = Intrinsics {
-            fx: 10.0,
-            fy: 10.0,
-            cx: 20.0,
-            cy: 10.0,
-            width,
-            height,
-        };
-        let bytes: Vec<u8> = (0..width * height)
-            .flat_map(|i| [((i * 7919) % 251) as u8; 3])
-            .collect();
+        let lens = Intrinsics { fx: 10.0, fy: 10.0, cx: 20.0, cy: 10.0, width, height };
+        let bytes: Vec<u8> = (0..width * height).flat_map(|i| [((i * 7919) % 251) as u8; 3]).collect();
         let texture = Texture::new(&Image::from_rgb8(width, height, &bytes).unwrap());
         let reference = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let source = Camera::new(lens, DMat3::IDENTITY, DVec3::new(-0.5, 0.0, 0.0)).unwrap();
@@ -189,14 +166,7 @@ mod tests {
 
     #[test]
     fn a_single_pixel_and_points_behind_the_camera_are_defined() {
-        let lens = Intrinsics {
-            fx: 1.0,
-            fy: 1.0,
-            cx: 0.5,
-            cy: 0.5,
-            width: 1,
-            height: 1,
-        };
+        let lens = Intrinsics { fx: 1.0, fy: 1.0, cx: 0.5, cy: 0.5, width: 1, height: 1 };
         let texture = Texture::new(&Image::filled(1, 1, [1.0; 3]).unwrap());
         let front = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let back = Camera::new(lens, DMat3::from_rotation_y(std::f64::consts::PI), DVec3::ZERO).unwrap();
