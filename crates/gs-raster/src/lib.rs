@@ -1,1 +1,12 @@
-//! A tiled, parallel f32 renderer of 3D Gaussians on the CPU.
+#![doc = include_str!("../README.md")]
+
+mod error;
+mod settings;
+
+mod render;
+
+mod cpu;
+
+pub use error::{Error, Result};
+pub use render::{RenderStats, Rendering, StageSeconds, render};
+pub use settings::RenderSettings;

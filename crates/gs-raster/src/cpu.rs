@@ -1,0 +1,70 @@
+//! The CPU path: project, sort by depth, list per tile, blend.
+
+mod bin;
+mod blend;
+mod project;
+mod sh;
+mod sort;
+
+use crate::{RenderSettings, RenderStats, Rendering, Result, StageSeconds};
+use gs_scene::{Camera, Gaussians, Image};
+use std::time::Instant;
+
+/// Side of a tile, pixels.
+const TILE: usize = 16;
+
+/// An image cut into tiles, row-major; the last column and row may reach over the edge.
+#[derive(Debug, Clone, Copy)]
+struct Grid {
+    /// Image width, pixels.
+    width: usize,
+    /// Image height, pixels.
+    height: usize,
+    /// Tiles per row.
+    columns: usize,
+    /// Rows of tiles.
+    rows: usize,
+}
+
+impl Grid {
+    fn new(width: usize, height: usize) -> Self {
+        Self { width, height, columns: width.div_ceil(TILE), rows: height.div_ceil(TILE) }
+    }
+}
+
+pub(crate) fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Result<Rendering> {
+    let (width, height) = (camera.width(), camera.height());
+    let grid = Grid::new(width, height);
+    let mut seconds = StageSeconds::default();
+
+    let start = Instant::now();
+    let projection = project::project(gaussians, camera, settings);
+    seconds.project = start.elapsed().as_secs_f64();
+
+    let start = Instant::now();
+    let order = sort::near_to_far(&projection.splats);
+    seconds.sort = start.elapsed().as_secs_f64();
+
+    let start = Instant::now();
+    let bins = bin::Bins::new(&projection.splats, &order, grid)?;
+    seconds.bin = start.elapsed().as_secs_f64();
+
+    let start = Instant::now();
+    let mut image = Image::filled(width, height, settings.background)?;
+    let mut alpha = vec![0.0; width * height];
+    let mut depth = vec![0.0; if settings.depth { width * height } else { 0 }];
+    blend::blend(&projection.splats, &bins, grid, settings, image.data_mut(), &mut alpha, &mut depth);
+    seconds.blend = start.elapsed().as_secs_f64();
+
+    Ok(Rendering {
+        image,
+        alpha,
+        depth: settings.depth.then_some(depth),
+        stats: RenderStats {
+            visible: projection.splats.len(),
+            rejected: projection.rejected,
+            intersections: bins.intersections(),
+            seconds,
+        },
+    })
+}

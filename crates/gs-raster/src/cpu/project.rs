@@ -1,0 +1,227 @@
+//! Gaussians to footprints: culling, EWA projection of the covariance (Zwicker et al. 2001), bounds, colour.
+//!
+//! Geometry is computed in f64 and rounded once: scenes far from the origin, needles and huge scales keep their
+//! precision, and nothing overflows that f32 input can hold.
+
+use super::sh;
+use crate::RenderSettings;
+use glam::{DMat3, DQuat, DVec3};
+use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
+use rayon::prelude::*;
+use std::f64::consts::LOG2_E;
+
+/// Gaussians per task; fixed, so that the result does not depend on the number of threads.
+const CHUNK: usize = 4096;
+/// Least opacity compensation of [`RenderSettings::antialias`], so that tiny Gaussians do not vanish.
+const COMPENSATION_MIN: f64 = 0.005;
+/// Added to the squared Mahalanobis distance that bounds a footprint: far above the rounding of the blending stage,
+/// which takes the decision itself, and too small to cost anything.
+const BOUND_SLACK: f64 = 1e-3;
+/// Bounds beyond any image, pixels; keeps the products of bounds inside f32.
+const BOUND_MAX: f64 = 1e15;
+
+/// The footprint of one Gaussian in the image: 64 bytes, one cache line.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Splat {
+    /// Centre, pixels.
+    pub(super) mean: [f64; 2],
+    /// (p, q, r): in a pixel at (dx, dy) from the centre, p dx² + q dx dy + r dy² is log₂ of the falloff.
+    pub(super) falloff: [f32; 3],
+    /// log₂ of the opacity.
+    pub(super) log2_opacity: f32,
+    /// Colour.
+    pub(super) rgb: [f32; 3],
+    /// z-depth of the centre, scene units.
+    pub(super) depth: f32,
+    /// Half width and half height of the ellipse outside which alpha is below `alpha_min`, pixels.
+    pub(super) extent: [f32; 2],
+    /// dx of the middle of the ellipse's row at dy = 1.
+    pub(super) shear: f32,
+    /// Half width of the ellipse's row at dy = 0, pixels.
+    pub(super) half_width: f32,
+}
+
+/// What is left of a scene in one view.
+pub(super) struct Projection {
+    /// Visible Gaussians, in the order of the scene.
+    pub(super) splats: Vec<Splat>,
+    /// See [`RenderStats::rejected`](crate::RenderStats::rejected).
+    pub(super) rejected: usize,
+}
+
+/// Projects every Gaussian of a scene.
+pub(super) fn project(gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Projection {
+    match gaussians.sh_degree() {
+        0 => project_degree::<0>(gaussians, camera, settings),
+        1 => project_degree::<1>(gaussians, camera, settings),
+        2 => project_degree::<2>(gaussians, camera, settings),
+        _ => project_degree::<3>(gaussians, camera, settings),
+    }
+}
+
+fn project_degree<const DEGREE: usize>(
+    gaussians: &Gaussians,
+    camera: &Camera,
+    settings: &RenderSettings,
+) -> Projection {
+    let projector = Projector::new(camera, settings);
+    let sh_row = sh_coefficients(DEGREE) * 3;
+    let chunks: Vec<Projection> = gaussians
+        .geometry()
+        .par_chunks(CHUNK * Gaussians::GEOMETRY)
+        .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
+        .map(|(geometry, sh)| {
+            let mut chunk = Projection { splats: Vec::with_capacity(CHUNK), rejected: 0 };
+            for (row, sh) in geometry.chunks_exact(Gaussians::GEOMETRY).zip(sh.chunks_exact(sh_row)) {
+                match projector.splat::<DEGREE>(row, sh) {
+                    Outcome::Visible(splat) => chunk.splats.push(splat),
+                    Outcome::Culled => {}
+                    Outcome::Rejected => chunk.rejected += 1,
+                }
+            }
+            chunk
+        })
+        .collect();
+    let rejected = chunks.iter().map(|chunk| chunk.rejected).sum();
+    let mut splats = Vec::with_capacity(chunks.iter().map(|chunk| chunk.splats.len()).sum());
+    for chunk in chunks {
+        splats.extend_from_slice(&chunk.splats);
+    }
+    Projection { splats, rejected }
+}
+
+enum Outcome {
+    Visible(Splat),
+    Culled,
+    Rejected,
+}
+
+/// What is the same for all Gaussians of a view.
+struct Projector<'a> {
+    settings: &'a RenderSettings,
+    rotation: DMat3,
+    translation: DVec3,
+    position: DVec3,
+    focal: [f64; 2],
+    centre: [f64; 2],
+    size: [f64; 2],
+    /// Least and largest x/z and y/z at which the Jacobian is evaluated: the image and 15 % of its size around it.
+    slope_min: [f64; 2],
+    slope_max: [f64; 2],
+}
+
+impl<'a> Projector<'a> {
+    fn new(camera: &Camera, settings: &'a RenderSettings) -> Self {
+        let lens = camera.intrinsics();
+        let (focal, centre) = ([lens.fx, lens.fy], [lens.cx, lens.cy]);
+        let size = [lens.width as f64, lens.height as f64];
+        let margin = |axis: usize| 0.15 * size[axis] / focal[axis];
+        Self {
+            settings,
+            rotation: camera.rotation(),
+            translation: camera.translation(),
+            position: camera.position(),
+            focal,
+            centre,
+            size,
+            slope_min: [0, 1].map(|axis| -centre[axis] / focal[axis] - margin(axis)),
+            slope_max: [0, 1].map(|axis| (size[axis] - centre[axis]) / focal[axis] + margin(axis)),
+        }
+    }
+
+    /// One Gaussian. Every test is written so that NaN fails it.
+    fn splat<const DEGREE: usize>(&self, row: &[f32], sh: &[f32]) -> Outcome {
+        let settings = self.settings;
+        if !row.iter().all(|value| value.is_finite()) {
+            return Outcome::Rejected;
+        }
+        let vector = |columns: std::ops::Range<usize>| {
+            DVec3::new(
+                f64::from(row[columns.start]),
+                f64::from(row[columns.start + 1]),
+                f64::from(row[columns.start + 2]),
+            )
+        };
+        let mean = vector(MEAN);
+        let p = self.rotation * mean + self.translation;
+        if !(p.z > f64::from(settings.near) && p.z < f64::from(settings.far)) {
+            return Outcome::Culled;
+        }
+
+        let q = QUATERNION.start;
+        let quaternion = DQuat::from_xyzw(
+            f64::from(row[q + 1]),
+            f64::from(row[q + 2]),
+            f64::from(row[q + 3]),
+            f64::from(row[q]),
+        );
+        let norm = quaternion.length();
+        if !(norm > 0.0) {
+            return Outcome::Rejected;
+        }
+        let axes = DMat3::from_quat(quaternion / norm);
+        let scale = vector(LOG_SCALE).exp();
+
+        // Rows of J · Rv · R · S, J evaluated at the clamped direction.
+        let slope = [p.x / p.z, p.y / p.z];
+        let rotation_rows = [self.rotation.row(0), self.rotation.row(1)];
+        let forward = self.rotation.row(2);
+        let [u, v] = [0, 1].map(|i| {
+            let clamped = slope[i].clamp(self.slope_min[i], self.slope_max[i]);
+            let jacobian = (rotation_rows[i] - forward * clamped) * (self.focal[i] / p.z);
+            axes.transpose() * jacobian * scale
+        });
+        // The 2D covariance [a b; b c]; its determinant as a sum of positive terms (Cauchy–Binet), because
+        // a c - b² cancels for needles.
+        let eps = f64::from(settings.eps2d);
+        let (a0, b, c0) = (u.length_squared(), u.dot(v), v.length_squared());
+        let det0 = u.cross(v).length_squared();
+        let det = det0 + eps * (a0 + c0) + eps * eps;
+        let (a, c) = (a0 + eps, c0 + eps);
+
+        let mut opacity = 1.0 / (1.0 + (-f64::from(row[OPACITY_LOGIT])).exp());
+        if settings.antialias {
+            opacity *= (det0 / det).sqrt().max(COMPENSATION_MIN);
+        }
+        let alpha_min = f64::from(settings.alpha_min);
+        if opacity < alpha_min {
+            return Outcome::Culled;
+        }
+
+        // alpha ≥ alpha_min where the squared Mahalanobis distance is at most `bound`.
+        let bound = 2.0 * (opacity / alpha_min).ln() + BOUND_SLACK;
+        let extent = [(bound * a).sqrt(), (bound * c).sqrt()];
+        let centre = [0, 1].map(|i| self.focal[i] * slope[i] + self.centre[i]);
+        let half_width = (bound * det / c).sqrt();
+        let falloff = [c / det, -b / det, a / det];
+        let numbers =
+            [extent[0], extent[1], half_width, centre[0], centre[1], falloff[0], falloff[1], falloff[2]];
+        if !numbers.iter().all(|value| value.is_finite()) {
+            return Outcome::Rejected;
+        }
+        let inside = |i: usize| centre[i] + extent[i] >= 0.5 && centre[i] - extent[i] <= self.size[i] - 0.5;
+        if !(inside(0) && inside(1)) {
+            return Outcome::Culled;
+        }
+
+        let direction = (mean - self.position).normalize().as_vec3().to_array();
+        let rgb = sh::colour::<DEGREE>(direction, sh);
+        if !rgb.iter().all(|channel| channel.is_finite()) {
+            return Outcome::Rejected;
+        }
+        Outcome::Visible(Splat {
+            mean: centre,
+            falloff: [
+                (-0.5 * LOG2_E * falloff[0]) as f32,
+                (-LOG2_E * falloff[1]) as f32,
+                (-0.5 * LOG2_E * falloff[2]) as f32,
+            ],
+            log2_opacity: opacity.log2() as f32,
+            rgb: rgb.map(|channel| channel.max(0.0)),
+            depth: p.z as f32,
+            extent: extent.map(|value| value.min(BOUND_MAX) as f32),
+            shear: (b / c) as f32,
+            half_width: half_width.min(BOUND_MAX) as f32,
+        })
+    }
+}

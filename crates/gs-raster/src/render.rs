@@ -1,0 +1,56 @@
+use crate::{RenderSettings, Result, cpu};
+use gs_scene::{Camera, Gaussians, Image};
+use serde::Serialize;
+
+/// A rendered view.
+#[derive(Debug, Clone)]
+pub struct Rendering {
+    /// Colour over the background, not clipped.
+    pub image: Image,
+    /// Opacity `[height, width]`: 1 minus the transmittance that is left.
+    pub alpha: Vec<f32>,
+    /// Expected z-depth `[height, width]`, scene units: Σ w z / Σ w over the Gaussians drawn in a pixel, 0 where
+    /// there are none. Only when [`RenderSettings::depth`] asks for it.
+    pub depth: Option<Vec<f32>>,
+    /// What was drawn, and the time it took.
+    pub stats: RenderStats,
+}
+
+/// Counts and times of one rendering.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct RenderStats {
+    /// Gaussians that may touch a pixel: between near and far, not too transparent, footprint in the image.
+    pub visible: usize,
+    /// Gaussians left out because a stored value is not finite, the quaternion is zero, or their footprint or
+    /// colour overflows.
+    pub rejected: usize,
+    /// Pairs of a Gaussian and a tile that its footprint touches.
+    pub intersections: u64,
+    /// Wall time of the stages.
+    pub seconds: StageSeconds,
+}
+
+/// Wall time of the stages of one rendering, seconds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct StageSeconds {
+    /// Gaussians to footprints and colours.
+    pub project: f64,
+    /// Near-to-far order.
+    pub sort: f64,
+    /// Lists of Gaussians per tile.
+    pub bin: f64,
+    /// Compositing.
+    pub blend: f64,
+}
+
+/// Renders `gaussians` as seen by `camera`, on the CPU, with all threads of the current rayon pool. The result does
+/// not depend on their number.
+///
+/// Gaussians whose stored values are not finite are left out and counted in [`RenderStats::rejected`].
+///
+/// # Errors
+/// If a setting lies outside its range, or the Gaussians touch more tiles than memory can hold.
+pub fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Result<Rendering> {
+    settings.check()?;
+    cpu::render(gaussians, camera, settings)
+}
