@@ -1,0 +1,133 @@
+//! The rules that a description must keep, each with an error that names the place.
+
+use crate::{Error, Pattern, Primitive, Result, Rgb, Scene, Shape};
+use glam::DVec3;
+
+/// Beyond this magnitude (metres) f64 no longer resolves a tenth of a micrometre.
+const FARTHEST: f64 = 1e9;
+
+/// Checks the numbers of one place of a scene.
+pub(crate) struct Place<'a> {
+    name: &'a dyn Fn() -> String,
+}
+
+impl<'a> Place<'a> {
+    pub(crate) fn new(name: &'a dyn Fn() -> String) -> Self {
+        Self { name }
+    }
+
+    fn rule(&self, holds: bool, field: &'static str, found: f64, expected: &'static str) -> Result<()> {
+        if holds {
+            return Ok(());
+        }
+        let place = (self.name)();
+        Err(Error::Value { place, field, found, expected })
+    }
+
+    pub(crate) fn point(&self, field: &'static str, value: DVec3) -> Result<()> {
+        value.to_array().into_iter().try_for_each(|v| {
+            self.rule(v.abs() <= FARTHEST, field, v, "finite numbers of magnitude up to 1e9")
+        })
+    }
+
+    /// A length that may be 0.
+    pub(crate) fn extent(&self, field: &'static str, value: f64) -> Result<()> {
+        self.rule((0.0..=FARTHEST).contains(&value), field, value, "0 to 1e9")
+    }
+
+    /// A length that a pattern divides by.
+    fn period(&self, field: &'static str, value: f64) -> Result<()> {
+        self.rule((1e-6..=FARTHEST).contains(&value), field, value, "1e-6 to 1e9")
+    }
+
+    fn share(&self, field: &'static str, value: f32) -> Result<()> {
+        self.rule((0.0..=1.0).contains(&value), field, value.into(), "0 to 1")
+    }
+
+    fn strength(&self, field: &'static str, value: f32) -> Result<()> {
+        self.rule((0.0..=1e6).contains(&value), field, value.into(), "0 to 1e6")
+    }
+
+    fn colour(&self, field: &'static str, colour: Rgb) -> Result<()> {
+        colour.into_iter().try_for_each(|channel| self.share(field, channel))
+    }
+
+    fn shape(&self, shape: &Shape) -> Result<()> {
+        match *shape {
+            Shape::Rectangle { width, height } => {
+                self.extent("width", width)?;
+                self.extent("height", height)
+            }
+            Shape::Box { size } => size.to_array().into_iter().try_for_each(|v| self.extent("size", v)),
+            Shape::Sphere { radius } => self.extent("radius", radius),
+            Shape::Cylinder { radius, height } => {
+                self.extent("radius", radius)?;
+                self.extent("height", height)
+            }
+        }
+    }
+
+    fn pattern(&self, pattern: &Pattern) -> Result<()> {
+        match *pattern {
+            Pattern::Plain { colour } => self.colour("colour", colour),
+            Pattern::Checker { colours, cell } => {
+                colours.into_iter().try_for_each(|colour| self.colour("colours", colour))?;
+                self.period("cell", cell)
+            }
+            Pattern::Brick { brick, mortar, length, height, joint } => {
+                self.colour("brick", brick)?;
+                self.colour("mortar", mortar)?;
+                self.period("length", length)?;
+                self.period("height", height)?;
+                self.extent("joint", joint)
+            }
+            Pattern::Wood { light, dark, plank } => {
+                self.colour("light", light)?;
+                self.colour("dark", dark)?;
+                self.period("plank", plank)
+            }
+            Pattern::Noise { dark, light, scale, octaves } => {
+                self.colour("dark", dark)?;
+                self.colour("light", light)?;
+                self.period("scale", scale)?;
+                self.rule((1..=12).contains(&octaves), "octaves", octaves.into(), "1 to 12")
+            }
+            Pattern::Print { paper, ink, accent, line } => {
+                self.colour("paper", paper)?;
+                self.colour("ink", ink)?;
+                self.colour("accent", accent)?;
+                self.period("line", line)
+            }
+        }
+    }
+
+    fn primitive(&self, primitive: &Primitive) -> Result<()> {
+        self.shape(&primitive.shape)?;
+        self.point("centre", primitive.centre)?;
+        self.point("rotation", primitive.rotation)?;
+        self.share("mottle", primitive.material.mottle)?;
+        self.pattern(&primitive.material.pattern)
+    }
+}
+
+/// Checks every number of a scene.
+pub(crate) fn check(scene: &Scene) -> Result<()> {
+    for (index, primitive) in scene.primitives.iter().enumerate() {
+        Place::new(&|| format!("primitive {index} ({})", primitive.name)).primitive(primitive)?;
+    }
+    if let Some(sun) = &scene.sun {
+        let name = || "sun".to_owned();
+        let place = Place::new(&name);
+        place.point("towards", sun.towards)?;
+        let length = sun.towards.length();
+        place.rule(length > 1e-9, "length of towards", length, "more than 0")?;
+        place.colour("colour", sun.colour)?;
+        place.strength("strength", sun.strength)?;
+    }
+    let name = || "sky".to_owned();
+    let place = Place::new(&name);
+    place.colour("zenith", scene.sky.zenith)?;
+    place.colour("horizon", scene.sky.horizon)?;
+    place.colour("ground", scene.sky.ground)?;
+    place.strength("light", scene.sky.light)
+}
