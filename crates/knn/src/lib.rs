@@ -1,1 +1,12 @@
-//! Exact K nearest neighbours of every point of a 3D point set.
+#![doc = include_str!("../README.md")]
+
+mod error;
+
+mod brute_force;
+mod neighbors;
+mod search;
+mod tree;
+
+pub use brute_force::brute_force;
+pub use error::{Error, Result};
+pub use neighbors::{Neighbors, knn, query};

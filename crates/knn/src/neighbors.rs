@@ -1,0 +1,96 @@
+use crate::Result;
+use crate::error::check;
+use crate::search::{nearest_keys, split_key};
+use crate::tree::{LEAF, Tree};
+use rayon::prelude::*;
+
+/// The nearest points of every row, nearest first; equal distances by ascending index.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Neighbors {
+    /// Number of rows: one per point ([`knn`]) or per query ([`query`]).
+    pub rows: usize,
+    /// Neighbours per row: what was asked for, or all there are if that is less.
+    pub k: usize,
+    /// `[rows, k]`: indices of the neighbours.
+    pub indices: Vec<u32>,
+    /// `[rows, k]`: squared distances, `dx*dx + dy*dy + dz*dz` in f32.
+    pub sq_distances: Vec<f32>,
+}
+
+impl Neighbors {
+    /// Indices and squared distances of one row's neighbours, nearest first.
+    ///
+    /// # Panics
+    /// If there is no such row.
+    #[must_use]
+    pub fn row(&self, row: usize) -> (&[u32], &[f32]) {
+        assert!(row < self.rows, "row {row} of {}", self.rows);
+        let range = row * self.k..(row + 1) * self.k;
+        (&self.indices[range.clone()], &self.sq_distances[range])
+    }
+}
+
+/// The `k` nearest other points of every point. A point is excluded from its own row by its index, so that an
+/// exact duplicate is a neighbour at distance 0. With fewer than `k` other points, each row holds all of them.
+///
+/// # Errors
+/// If a coordinate is not finite or the points are more than a `u32` can index.
+pub fn knn(points: &[[f32; 3]], k: usize) -> Result<Neighbors> {
+    check("point", points)?;
+    let k = k.min(points.len().saturating_sub(1));
+    if k == 0 {
+        return Ok(without_neighbours(points.len()));
+    }
+    let tree = Tree::new(points);
+    let keys = nearest_keys(&tree, &tree, k, true);
+    Ok(in_input_order(&tree, &keys, points.len(), k))
+}
+
+/// The `k` nearest points of every query. With fewer than `k` points, each row holds all of them.
+///
+/// # Errors
+/// If a coordinate is not finite or the points are more than a `u32` can index.
+pub fn query(points: &[[f32; 3]], queries: &[[f32; 3]], k: usize) -> Result<Neighbors> {
+    check("point", points)?;
+    check("query", queries)?;
+    let k = k.min(points.len());
+    if k == 0 || queries.is_empty() {
+        return Ok(Neighbors { k, ..without_neighbours(queries.len()) });
+    }
+    // The queries get a tree too: its leaves are the blocks of near queries that are searched together.
+    let asking = Tree::new(queries);
+    let keys = nearest_keys(&Tree::new(points), &asking, k, false);
+    Ok(in_input_order(&asking, &keys, queries.len(), k))
+}
+
+fn without_neighbours(rows: usize) -> Neighbors {
+    Neighbors { rows, k: 0, indices: Vec::new(), sq_distances: Vec::new() }
+}
+
+/// Rows from the order of the tree's leaves to the order of the input.
+fn in_input_order(tree: &Tree, keys: &[u64], rows: usize, k: usize) -> Neighbors {
+    const ROWS_PER_TASK: usize = 512;
+    let mut slot = vec![0u32; rows];
+    for (leaf_idx, leaf) in tree.leaves.iter().enumerate() {
+        for (lane, &index) in leaf.index[..leaf.len].iter().enumerate() {
+            slot[index as usize] = (leaf_idx * LEAF + lane) as u32;
+        }
+    }
+    let mut indices = vec![0u32; rows * k];
+    let mut sq_distances = vec![0f32; rows * k];
+    let per_task = ROWS_PER_TASK * k;
+    indices
+        .par_chunks_mut(per_task)
+        .zip(sq_distances.par_chunks_mut(per_task))
+        .zip(slot.par_chunks(ROWS_PER_TASK))
+        .for_each(|((indices, sq_distances), slots)| {
+            let rows = indices.chunks_exact_mut(k).zip(sq_distances.chunks_exact_mut(k));
+            for ((indices, sq_distances), &slot) in rows.zip(slots) {
+                let row = &keys[slot as usize * k..][..k];
+                for ((index, sq_distance), &key) in indices.iter_mut().zip(sq_distances).zip(row) {
+                    (*sq_distance, *index) = split_key(key);
+                }
+            }
+        });
+    Neighbors { rows, k, indices, sq_distances }
+}
