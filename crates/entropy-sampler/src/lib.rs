@@ -1,1 +1,18 @@
-//! Local Shannon entropy of an image, and pixel sampling by it.
+#![doc = include_str!("../README.md")]
+
+mod error;
+
+mod border;
+mod entropy;
+mod hilbert;
+mod importance;
+mod probability;
+mod random;
+mod sample;
+
+pub use border::Border;
+pub use entropy::{EntropyWindow, entropy};
+pub use error::{Error, Result};
+pub use importance::ImportanceMap;
+pub use probability::{Probability, solve};
+pub use sample::{Budget, Sampler, Samples, sample};
