@@ -1,1 +1,31 @@
-//! Load, predict, render, measure: protocols, tables and the HTML report.
+#![doc = include_str!("../README.md")]
+
+mod error;
+
+mod plan;
+mod simulated;
+
+mod render;
+mod window;
+
+mod figures;
+mod protocol;
+mod recipe;
+mod table;
+
+mod colour;
+mod page;
+mod picture;
+mod report;
+
+pub use error::{Error, Result};
+pub use figures::{Dropped, Figures, MeanRow, Seconds, Spread, Target, WindowFigures, WindowRow, means};
+pub use picture::{DepthScale, ERROR_GAIN, Picture};
+pub use plan::Plan;
+pub use protocol::{Baselines, Evaluation, Event, NearestView, PROTOCOL, evaluate};
+pub use recipe::{Machine, Recipe, peak_rss_bytes};
+pub use render::{Rendered, render_view};
+pub use report::{PictureLimits, Report};
+pub use simulated::{SIMULATED_SIZE, simulated_window};
+pub use table::{Table, count, decibel, figures_table, number};
+pub use window::{Outcome, Step, Window, run_window};

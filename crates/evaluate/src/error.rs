@@ -1,0 +1,72 @@
+use std::path::PathBuf;
+
+/// Why a window could not be measured or shown.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Reading the data set.
+    #[error(transparent)]
+    Data(#[from] view_data::Error),
+    /// The pipeline.
+    #[error(transparent)]
+    Predict(#[from] sparsesplat::Error),
+    /// The renderer.
+    #[error(transparent)]
+    Render(#[from] gs_raster::Error),
+    /// Simulating a scene.
+    #[error(transparent)]
+    Simulate(#[from] scene_sim::Error),
+    /// A file or a picture.
+    #[error(transparent)]
+    Scene(#[from] gs_scene::Error),
+    /// Two pictures that cannot be compared.
+    #[error("view {view} cannot be compared with its rendering or nearest view")]
+    Metric {
+        /// Name of the view.
+        view: String,
+        /// Why.
+        #[source]
+        source: image_metrics::Error,
+    },
+    /// A window without context views.
+    #[error("the window has no context views, expected at least one")]
+    NoContext,
+    /// A folder without data to evaluate.
+    #[error(
+        "{}: no transforms.json, and no sub-folder with transforms.json and evaluation_index.json",
+        root.display()
+    )]
+    NoScenes {
+        /// The folder.
+        root: PathBuf,
+    },
+    /// A folder that cannot be listed.
+    #[error("{}: cannot list the folder", root.display())]
+    List {
+        /// The folder.
+        root: PathBuf,
+        /// Why.
+        #[source]
+        source: std::io::Error,
+    },
+    /// `--depth-range hint` on a data set that does not say.
+    #[error("{}: no scene_depth_percentiles with 0.5 and 99.5, which --depth-range hint needs", path.display())]
+    NoDepthHint {
+        /// The data set.
+        path: PathBuf,
+    },
+    /// A picture that the encoder refuses.
+    #[error("a picture of {width}x{height} cannot be encoded")]
+    Encode {
+        /// Width, pixels.
+        width: u32,
+        /// Height, pixels.
+        height: u32,
+        /// Why.
+        #[source]
+        source: image::ImageError,
+    },
+}
+
+/// This crate's result.
+pub type Result<T> = std::result::Result<T, Error>;

@@ -1,0 +1,355 @@
+//! The figures of a window, and their means: over targets, then windows, then scenes.
+
+use serde::{Serialize, Serializer};
+use sparsesplat::{Counts, ExposureGain, StageSeconds};
+
+/// Wall time, seconds, by stage. A stage that did not run took 0.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Seconds {
+    /// Reading, undistorting and resizing photographs.
+    pub load: f64,
+    /// Depth and features.
+    pub backbone: f64,
+    /// Exposure of the views to each other.
+    pub exposure: f64,
+    /// Probability maps and chosen pixels.
+    pub sampling: f64,
+    /// Pixels to anchors.
+    pub backproject: f64,
+    /// Neighbours of anchors.
+    pub knn: f64,
+    /// Attributes of anchors.
+    pub head: f64,
+    /// Attributes to Gaussians, and the far shell.
+    pub decode: f64,
+    /// Optimisation steps after the forward pass.
+    pub refine: f64,
+    /// Writing the scene.
+    pub write: f64,
+    /// Rendering, all pictures together.
+    pub render: f64,
+    /// From the first file read to the last of the above, what lies between the stages included; not the metrics.
+    pub total: f64,
+}
+
+impl Seconds {
+    /// These times with those of the pipeline's stages.
+    #[must_use]
+    pub fn with_stages(self, stages: &StageSeconds) -> Self {
+        let StageSeconds { backbone, exposure, sampling, backproject, knn, head, decode } = *stages;
+        Self { backbone, exposure, sampling, backproject, knn, head, decode, ..self }
+    }
+
+    /// Name and time of each stage in order, without the total.
+    #[must_use]
+    pub fn stages(&self) -> [(&'static str, f64); 11] {
+        [
+            ("load", self.load),
+            ("backbone", self.backbone),
+            ("exposure", self.exposure),
+            ("sampling", self.sampling),
+            ("backproject", self.backproject),
+            ("knn", self.knn),
+            ("head", self.head),
+            ("decode", self.decode),
+            ("refine", self.refine),
+            ("write", self.write),
+            ("render", self.render),
+        ]
+    }
+
+    fn mean(all: &[Self]) -> Self {
+        let mean = |of: fn(&Self) -> f64| mean(all.iter().map(of));
+        Self {
+            load: mean(|s| s.load),
+            backbone: mean(|s| s.backbone),
+            exposure: mean(|s| s.exposure),
+            sampling: mean(|s| s.sampling),
+            backproject: mean(|s| s.backproject),
+            knn: mean(|s| s.knn),
+            head: mean(|s| s.head),
+            decode: mean(|s| s.decode),
+            refine: mean(|s| s.refine),
+            write: mean(|s| s.write),
+            render: mean(|s| s.render),
+            total: mean(|s| s.total),
+        }
+    }
+}
+
+/// What is averaged: the figures of a window, of a scene or of a table. PSNR in dB; NaN where there is no target.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Figures {
+    /// Gaussians, far shell included.
+    #[serde(serialize_with = "as_count")]
+    pub gaussians: f64,
+    /// Those of the far shell.
+    #[serde(serialize_with = "as_count")]
+    pub gaussians_shell: f64,
+    /// Mean PSNR over the held-out targets.
+    pub psnr_held_out: f64,
+    /// Mean SSIM over the held-out targets.
+    pub ssim_held_out: f64,
+    /// LPIPS is not measured by this build.
+    pub lpips_held_out: Option<f64>,
+    /// Mean PSNR over the held-out targets and the context views.
+    pub psnr_all: f64,
+    /// Mean PSNR of the nearest context view, shown as it is, over the held-out targets.
+    pub psnr_nearest_view: f64,
+    /// Wall time by stage.
+    pub seconds: Seconds,
+}
+
+/// A mean of counts in JSON: a whole number.
+fn as_count<S: Serializer>(count: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_u64(count.round() as u64)
+}
+
+impl Figures {
+    /// The mean of each figure; of nothing it is NaN.
+    #[must_use]
+    pub fn mean(all: &[Self]) -> Self {
+        let mean = |of: fn(&Self) -> f64| mean(all.iter().map(of));
+        Self {
+            gaussians: mean(|f| f.gaussians),
+            gaussians_shell: mean(|f| f.gaussians_shell),
+            psnr_held_out: mean(|f| f.psnr_held_out),
+            ssim_held_out: mean(|f| f.ssim_held_out),
+            lpips_held_out: None,
+            psnr_all: mean(|f| f.psnr_all),
+            psnr_nearest_view: mean(|f| f.psnr_nearest_view),
+            seconds: Seconds::mean(&all.iter().map(|f| f.seconds).collect::<Vec<_>>()),
+        }
+    }
+}
+
+/// Mean; NaN of nothing. An infinity stays one.
+pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
+    sum / f64::from(count)
+}
+
+/// Standard deviation of a sample; `None` with fewer than two values.
+pub(crate) fn deviation(values: &[f64]) -> Option<f64> {
+    let centre = mean(values.iter().copied());
+    let squares: f64 = values.iter().map(|value| (value - centre).powi(2)).sum();
+    (values.len() > 1).then(|| (squares / (values.len() - 1) as f64).sqrt())
+}
+
+/// How one target was met.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Target {
+    /// Name of the view.
+    pub name: String,
+    /// PSNR, dB.
+    pub psnr: f64,
+    /// SSIM.
+    pub ssim: f64,
+    /// Name of the nearest context view.
+    pub nearest_view: String,
+    /// PSNR of that view shown as it is, dB.
+    pub psnr_nearest_view: f64,
+}
+
+/// The figures of one window with one seed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct WindowFigures {
+    /// Seed of the sampling.
+    pub seed: u64,
+    /// What is averaged.
+    #[serde(flatten)]
+    pub figures: Figures,
+    /// Gaussians by origin.
+    pub counts: Counts,
+    /// The paper's tau that the budget was solved to.
+    pub tau: Option<f64>,
+    /// Near and far plane, scene units.
+    pub depth_range: (f64, f64),
+    /// Gain and bias of each context view.
+    pub exposure: Vec<ExposureGain>,
+    /// Every held-out target.
+    pub per_target: Vec<Target>,
+}
+
+/// Spread over seeds: standard deviation of the sample.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// Of the PSNR, dB.
+    pub psnr_held_out: f64,
+    /// Of the SSIM.
+    pub ssim_held_out: f64,
+}
+
+impl Spread {
+    fn of(all: &[Figures]) -> Option<Self> {
+        let deviation = |of: fn(&Figures) -> f64| deviation(&all.iter().map(of).collect::<Vec<_>>());
+        Some(Self {
+            psnr_held_out: deviation(|f| f.psnr_held_out)?,
+            ssim_held_out: deviation(|f| f.ssim_held_out)?,
+        })
+    }
+}
+
+/// A window with all its seeds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct WindowRow {
+    /// `scene/window`.
+    pub name: String,
+    /// Number of context views.
+    pub views: usize,
+    /// Positions of the context views in the data set's list.
+    pub context: Vec<usize>,
+    /// Positions of the held-out targets.
+    pub targets: Vec<usize>,
+    /// Mean over the seeds.
+    #[serde(flatten)]
+    pub figures: Figures,
+    /// Spread over the seeds, where there are several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spread: Option<Spread>,
+    /// One entry per seed.
+    pub seeds: Vec<WindowFigures>,
+}
+
+impl WindowRow {
+    /// A window's row from its runs, one per seed.
+    #[must_use]
+    pub fn new(name: String, context: Vec<usize>, targets: Vec<usize>, seeds: Vec<WindowFigures>) -> Self {
+        let all: Vec<Figures> = seeds.iter().map(|run| run.figures).collect();
+        let (figures, spread) = (Figures::mean(&all), Spread::of(&all));
+        Self { name, views: context.len(), context, targets, figures, spread, seeds }
+    }
+
+    /// The scene: the name before the slash.
+    #[must_use]
+    pub fn scene(&self) -> &str {
+        self.name.split('/').next().unwrap_or(&self.name)
+    }
+}
+
+/// A scene or the whole table: means of what lies below it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MeanRow {
+    /// Name of the scene, or `mean`.
+    pub name: String,
+    /// Windows (of a scene) or scenes (of a table) that went into it.
+    pub members: usize,
+    /// Mean over seeds and members.
+    #[serde(flatten)]
+    pub figures: Figures,
+    /// Spread of the mean over the seeds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spread: Option<Spread>,
+}
+
+/// A window that gave no figures.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Dropped {
+    /// `scene/window`, or the folder that could not be read.
+    pub name: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// The rows of scenes, and of the mean over them. Every window must have the same number of seeds.
+#[must_use]
+pub fn means(windows: &[WindowRow]) -> (Vec<MeanRow>, MeanRow) {
+    let n_seeds = windows.first().map_or(0, |window| window.seeds.len());
+    assert!(
+        windows.iter().all(|window| window.seeds.len() == n_seeds),
+        "every window is run with every seed"
+    );
+    let mut names: Vec<&str> = Vec::new();
+    for window in windows {
+        if !names.contains(&window.scene()) {
+            names.push(window.scene());
+        }
+    }
+    let row = |name: &str, members: usize, per_seed: Vec<Figures>| MeanRow {
+        name: name.to_owned(),
+        members,
+        figures: Figures::mean(&per_seed),
+        spread: Spread::of(&per_seed),
+    };
+    let mut scenes = Vec::new();
+    let mut scene_figures: Vec<Vec<Figures>> = vec![Vec::new(); n_seeds];
+    for name in names {
+        let of_scene: Vec<&WindowRow> = windows.iter().filter(|window| window.scene() == name).collect();
+        let per_seed: Vec<Figures> = (0..n_seeds)
+            .map(|s| Figures::mean(&of_scene.iter().map(|w| w.seeds[s].figures).collect::<Vec<_>>()))
+            .collect();
+        for (all, figures) in scene_figures.iter_mut().zip(&per_seed) {
+            all.push(*figures);
+        }
+        scenes.push(row(name, of_scene.len(), per_seed));
+    }
+    let per_seed = scene_figures.iter().map(|all| Figures::mean(all)).collect();
+    let mean = row("mean", scenes.len(), per_seed);
+    (scenes, mean)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn figures(psnr: f64) -> Figures {
+        Figures { psnr_held_out: psnr, ..Figures::mean(&[]) }
+    }
+
+    pub(crate) fn row(name: &str, psnrs: &[f64]) -> WindowRow {
+        let run = |(seed, &psnr): (usize, &f64)| WindowFigures {
+            seed: seed as u64,
+            figures: figures(psnr),
+            counts: Counts { total: 0, per_view: vec![], shell: 0 },
+            tau: None,
+            depth_range: (1.0, 2.0),
+            exposure: vec![],
+            per_target: vec![],
+        };
+        let seeds = psnrs.iter().enumerate().map(run).collect();
+        WindowRow::new(name.to_owned(), vec![0, 2], vec![1], seeds)
+    }
+
+    #[test]
+    fn scenes_weigh_alike_however_many_windows_they_have() {
+        let windows = [row("a/0", &[10.0]), row("a/1", &[20.0]), row("b/0", &[30.0])];
+        let (scenes, mean) = means(&windows);
+        assert_eq!(
+            scenes.iter().map(|s| (s.name.as_str(), s.members)).collect::<Vec<_>>(),
+            [("a", 2), ("b", 1)]
+        );
+        assert_eq!(scenes[0].figures.psnr_held_out, 15.0);
+        assert_eq!(mean.figures.psnr_held_out, 22.5);
+        assert_eq!(mean.spread, None);
+    }
+
+    #[test]
+    fn the_spread_of_a_mean_is_over_seeds_not_over_windows() {
+        let windows = [row("a/0", &[10.0, 12.0]), row("b/0", &[30.0, 28.0])];
+        let (scenes, mean) = means(&windows);
+        assert!((scenes[0].spread.unwrap().psnr_held_out - 2.0f64.sqrt()).abs() < 1e-12);
+        assert_eq!(mean.figures.psnr_held_out, 20.0);
+        assert_eq!(mean.spread.unwrap().psnr_held_out, 0.0);
+    }
+
+    #[test]
+    fn nothing_has_no_mean_and_undefined_figures_are_null() {
+        let (scenes, mean) = means(&[]);
+        assert!(scenes.is_empty() && mean.figures.psnr_held_out.is_nan());
+        let json = serde_json::to_value(&mean).unwrap();
+        assert!(json["psnr_held_out"].is_null() && json["lpips_held_out"].is_null());
+        let perfect = serde_json::to_value(figures(f64::INFINITY)).unwrap();
+        assert!(perfect["psnr_held_out"].is_null());
+    }
+
+    #[test]
+    fn stages_add_up_to_the_fields() {
+        let seconds =
+            Seconds { load: 1.0, backbone: 2.0, decode: 4.0, render: 8.0, total: 99.0, ..Default::default() };
+        assert_eq!(seconds.stages().iter().map(|(_, s)| s).sum::<f64>(), 15.0);
+        let json = serde_json::to_value(seconds).unwrap();
+        for (name, value) in seconds.stages() {
+            assert_eq!(json[name], value);
+        }
+    }
+}

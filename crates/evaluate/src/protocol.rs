@@ -1,0 +1,131 @@
+//! The protocol of the tables: windows, seeds, means; what fails is named, never skipped.
+
+use crate::figures::{Dropped, MeanRow, WindowRow, means};
+use crate::window::run_window;
+use crate::{Outcome, Plan, Step, Window};
+use serde::Serialize;
+use sparsesplat::Config;
+
+/// What all tables have in common, in words.
+pub const PROTOCOL: &str = "whole image, no border trimmed, black background, renders clipped to 0..1 and compared as floats \
+with the 8-bit targets, nothing fitted to a target; PSNR per target, mean over targets, then windows, then scenes; SSIM as \
+scikit-image's structural_similarity with 11 Gaussian taps, sigma 1.5; nearest view: the context photograph whose camera is \
+closest, shown as it is";
+
+/// What happens during an evaluation.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum Event<'a> {
+    /// A run begins: a window with a seed.
+    Run {
+        /// Name of the window.
+        name: &'a str,
+        /// Seed of the run.
+        seed: u64,
+    },
+    /// A step of the run begins.
+    Step(Step),
+    /// A run is done.
+    Done {
+        /// The window.
+        window: &'a Window,
+        /// What it gave.
+        outcome: &'a Outcome,
+    },
+    /// A window is given up.
+    Dropped(&'a Dropped),
+}
+
+/// The figures of an evaluation; with a recipe in front it is what `eval --json` writes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// How it was measured.
+    pub protocol: &'static str,
+    /// One row per window.
+    #[serde(rename = "scenes")]
+    pub windows: Vec<WindowRow>,
+    /// One row per scene: means over its windows.
+    #[serde(rename = "by_scene")]
+    pub scenes: Vec<MeanRow>,
+    /// The mean over the scenes.
+    pub mean: MeanRow,
+    /// What the figures are to be compared with.
+    pub baselines: Baselines,
+    /// Windows without figures.
+    pub dropped: Vec<Dropped>,
+}
+
+/// Figures of methods that do nothing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Baselines {
+    /// The nearest context view, shown as it is.
+    pub nearest_view: NearestView,
+}
+
+/// Mean figures of the nearest context view.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NearestView {
+    /// PSNR, dB.
+    pub psnr_held_out: f64,
+}
+
+/// Runs every window with every seed. The configuration's own seed is not used; its depth range is replaced by a plan's
+/// where that has one.
+///
+/// # Panics
+/// If `seeds` is empty.
+pub fn evaluate(
+    plans: &[Plan],
+    config: &Config,
+    seeds: &[u64],
+    on_event: &mut dyn FnMut(Event<'_>),
+) -> Evaluation {
+    assert!(!seeds.is_empty(), "an evaluation needs at least one seed");
+    let (mut windows, mut dropped) = (Vec::new(), Vec::new());
+    for plan in plans {
+        match run_plan(plan, config, seeds, on_event) {
+            Ok(row) => windows.push(row),
+            Err(error) => {
+                let entry = Dropped { name: plan.name().to_owned(), reason: one_line(&error) };
+                on_event(Event::Dropped(&entry));
+                dropped.push(entry);
+            }
+        }
+    }
+    let (scenes, mean) = means(&windows);
+    let nearest_view = NearestView { psnr_held_out: mean.figures.psnr_nearest_view };
+    Evaluation { protocol: PROTOCOL, windows, scenes, mean, baselines: Baselines { nearest_view }, dropped }
+}
+
+fn run_plan(
+    plan: &Plan,
+    config: &Config,
+    seeds: &[u64],
+    on_event: &mut dyn FnMut(Event<'_>),
+) -> crate::Result<WindowRow> {
+    on_event(Event::Run { name: plan.name(), seed: seeds[0] });
+    on_event(Event::Step(Step::Load));
+    let window = plan.load()?;
+    let mut runs = Vec::with_capacity(seeds.len());
+    for (i, &seed) in seeds.iter().enumerate() {
+        if i > 0 {
+            on_event(Event::Run { name: plan.name(), seed });
+        }
+        let config = Config { seed, depth_range: plan.depth_range(config.depth_range), ..config.clone() };
+        let outcome = run_window(&window, &config, &mut |step| on_event(Event::Step(step)))?;
+        on_event(Event::Done { window: &window, outcome: &outcome });
+        runs.push(outcome.figures);
+    }
+    Ok(WindowRow::new(window.name, window.context_positions, window.target_positions, runs))
+}
+
+/// An error with its causes.
+fn one_line(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(inner) = cause {
+        text += &format!(": {inner}");
+        cause = inner.source();
+    }
+    text
+}

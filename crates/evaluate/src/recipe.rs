@@ -1,0 +1,122 @@
+//! What a figure was made with: enough to make it again.
+
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fs;
+use std::process::Command;
+
+/// The recipe at the head of every JSON file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Recipe<C> {
+    /// The command line.
+    pub command: Vec<String>,
+    /// Commit of the checkout that the command ran in, `-dirty` if files were changed; none outside a checkout.
+    pub git: Option<String>,
+    /// Seed of the sampling; the first of several.
+    pub seed: u64,
+    /// Threads that worked.
+    pub threads: usize,
+    /// The machine.
+    pub machine: Machine,
+    /// Every setting.
+    pub config: C,
+    /// Versions by name.
+    pub versions: BTreeMap<&'static str, String>,
+}
+
+impl<C: Serialize> Recipe<C> {
+    /// The recipe of this process.
+    #[must_use]
+    pub fn of_this_run(seed: u64, threads: usize, config: C) -> Self {
+        Self {
+            command: std::env::args().collect(),
+            git: git_commit(),
+            seed,
+            threads,
+            machine: Machine::this(),
+            config,
+            versions: BTreeMap::from([("sparsesplat", env!("CARGO_PKG_VERSION").to_owned())]),
+        }
+    }
+}
+
+/// A machine, as far as it tells.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Machine {
+    /// Operating system.
+    pub os: &'static str,
+    /// Instruction set.
+    pub arch: &'static str,
+    /// Model name of the processor.
+    pub cpu: Option<String>,
+    /// Cores that this process may use.
+    pub cores: usize,
+    /// Memory, bytes.
+    pub memory_bytes: Option<u64>,
+}
+
+impl Machine {
+    /// The machine this runs on.
+    #[must_use]
+    pub fn this() -> Self {
+        let read = |path| fs::read_to_string(path).unwrap_or_default();
+        Self {
+            os: std::env::consts::OS,
+            arch: std::env::consts::ARCH,
+            cpu: field(&read("/proc/cpuinfo"), "model name").map(str::to_owned),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            memory_bytes: field(&read("/proc/meminfo"), "MemTotal").and_then(kibibytes),
+        }
+    }
+}
+
+/// Most memory that this process has held at once, bytes; none where the system does not say (it is read from
+/// `/proc`).
+#[must_use]
+pub fn peak_rss_bytes() -> Option<u64> {
+    field(&fs::read_to_string("/proc/self/status").ok()?, "VmHWM").and_then(kibibytes)
+}
+
+/// The value in a line `key : value`.
+fn field<'a>(text: &'a str, key: &str) -> Option<&'a str> {
+    text.lines().find_map(|line| {
+        let (name, value) = line.split_once(':')?;
+        (name.trim() == key).then_some(value.trim())
+    })
+}
+
+/// `123 kB` to bytes.
+fn kibibytes(text: &str) -> Option<u64> {
+    text.strip_suffix(" kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+}
+
+/// `git describe` of the current folder, as far as there is one.
+fn git_commit() -> Option<String> {
+    let described =
+        Command::new("git").args(["describe", "--always", "--dirty", "--abbrev=40", "--match="]).output();
+    let text = String::from_utf8(described.ok().filter(|output| output.status.success())?.stdout).ok()?;
+    Some(text.trim().to_owned()).filter(|commit| !commit.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_are_found_by_their_whole_name() {
+        let text = "VmHWMx:\t1 kB\nVmHWM:\t  123 kB\nmodel name\t: A : B\n";
+        assert_eq!(field(text, "VmHWM").and_then(kibibytes), Some(123 * 1024));
+        assert_eq!(field(text, "model name"), Some("A : B"));
+        assert_eq!(field(text, "cpu"), None);
+        assert_eq!(kibibytes("12 MB"), None);
+    }
+
+    #[test]
+    fn a_recipe_has_the_keys_that_readers_rely_on() {
+        let json = serde_json::to_value(Recipe::of_this_run(7, 2, "settings")).unwrap();
+        for key in ["command", "git", "seed", "threads", "machine", "config", "versions"] {
+            assert!(json.get(key).is_some(), "{key}");
+        }
+        assert_eq!((&json["seed"], &json["config"]), (&7.into(), &"settings".into()));
+    }
+}

@@ -1,0 +1,96 @@
+//! Rendering a scene the way the tables and the commands do.
+
+use crate::Result;
+use glam::DVec3;
+use gs_raster::{RenderSettings, render};
+use gs_scene::{Camera, Gaussians, Image};
+
+/// A rendered view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rendered {
+    /// Colour, clipped to 0..1.
+    pub image: Image,
+    /// Opacity, `[height, width]`, 0..1.
+    pub alpha: Vec<f32>,
+    /// Expected z-depth, scene units, `[height, width]`; 0 where there is nothing.
+    pub depth: Vec<f32>,
+}
+
+/// Renders a view over black, on the processor.
+///
+/// # Errors
+/// If the Gaussians touch more tiles than memory can hold.
+pub fn render_view(gaussians: &Gaussians, camera: &Camera) -> Result<Rendered> {
+    let settings =
+        RenderSettings { near: near_plane(gaussians, camera), depth: true, ..RenderSettings::default() };
+    let mut rendering = render(gaussians, camera, &settings)?;
+    for value in rendering.image.data_mut() {
+        *value = value.clamp(0.0, 1.0);
+    }
+    let depth = rendering.depth.unwrap_or_default();
+    Ok(Rendered { image: rendering.image, alpha: rendering.alpha, depth })
+}
+
+/// The near plane as a share of the scene's distance.
+const NEAR_SHARE: f64 = 0.02;
+
+/// Near plane for a camera, scene units: a share of the median z-depth of the Gaussians in front of it. It depends on the
+/// scene and the camera alone, so that a scene that was written and read renders as before.
+fn near_plane(gaussians: &Gaussians, camera: &Camera) -> f32 {
+    // A median of some thousand is as good as one of all.
+    let step = gaussians.len().div_ceil(4096).max(1);
+    let mut depths: Vec<f64> = gaussians
+        .geometry()
+        .chunks_exact(Gaussians::GEOMETRY)
+        .step_by(step)
+        .map(|row| camera.to_camera(DVec3::new(row[0].into(), row[1].into(), row[2].into())).z)
+        .filter(|depth| depth.is_finite() && *depth > 0.0)
+        .collect();
+    if depths.is_empty() {
+        return RenderSettings::default().near;
+    }
+    let middle = depths.len() / 2;
+    let median = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+    // Of a scene at the edge of what f32 holds, the product may underflow or overflow.
+    ((median * NEAR_SHARE) as f32).clamp(f32::MIN_POSITIVE, RenderSettings::default().far * 0.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gs_scene::{Intrinsics, dc_from_rgb, logit};
+
+    fn camera() -> Camera {
+        let lens = Intrinsics { fx: 30.0, fy: 30.0, cx: 10.0, cy: 8.0, width: 20, height: 16 };
+        Camera::new(lens, glam::DMat3::IDENTITY, DVec3::ZERO).unwrap()
+    }
+
+    fn scene(depths: &[f32]) -> Gaussians {
+        let mut scene = Gaussians::empty(0).unwrap();
+        for &depth in depths {
+            let scale = (0.3 * depth).abs().ln();
+            let white = dc_from_rgb([1.5; 3]);
+            scene.push([0.0, 0.0, depth], [1.0, 0.0, 0.0, 0.0], [scale; 3], logit(0.9), &white);
+        }
+        scene
+    }
+
+    #[test]
+    fn the_near_plane_follows_the_scale() {
+        assert_eq!(near_plane(&scene(&[100.0]), &camera()), 2.0);
+        assert_eq!(near_plane(&scene(&[-5.0, f32::NAN, 1.0]), &camera()), 0.02);
+        assert_eq!(near_plane(&scene(&[-5.0]), &camera()), 0.01);
+        assert!(render_view(&scene(&[1e30]), &camera()).is_ok());
+        assert!(render_view(&scene(&[1e-38]), &camera()).is_ok());
+    }
+
+    #[test]
+    fn colours_are_clipped_and_nothing_is_black() {
+        let rendered = render_view(&scene(&[2.0]), &camera()).unwrap();
+        let largest = rendered.image.data().iter().copied().fold(0.0, f32::max);
+        assert_eq!(largest, 1.0);
+        assert!((rendered.depth[8 * 20 + 10] - 2.0).abs() < 1e-3);
+        let empty = render_view(&scene(&[]), &camera()).unwrap();
+        assert!(empty.image.data().iter().chain(&empty.alpha).chain(&empty.depth).all(|v| *v == 0.0));
+    }
+}

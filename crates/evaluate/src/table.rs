@@ -1,0 +1,198 @@
+//! Tables of figures: aligned text for a terminal, Markdown for documents.
+
+use crate::figures::{Figures, MeanRow, Spread, WindowRow};
+
+/// A table of text: a head, rows, and how many columns on the left are names.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Table {
+    head: Vec<String>,
+    rows: Vec<Vec<String>>,
+    names: usize,
+}
+
+impl Table {
+    /// A table without rows, whose first `names` columns are set to the left (the others to the right).
+    #[must_use]
+    pub fn new(head: &[&str], names: usize) -> Self {
+        Self { head: head.iter().map(|&cell| cell.to_owned()).collect(), rows: Vec::new(), names }
+    }
+
+    /// Adds a row.
+    ///
+    /// # Panics
+    /// If it has not one cell per column.
+    pub fn push(&mut self, row: Vec<String>) {
+        assert_eq!(row.len(), self.head.len(), "cells of a row");
+        self.rows.push(row);
+    }
+
+    /// Head of each column.
+    #[must_use]
+    pub fn head(&self) -> &[String] {
+        &self.head
+    }
+
+    /// The rows.
+    #[must_use]
+    pub fn rows(&self) -> &[Vec<String>] {
+        &self.rows
+    }
+
+    fn widths(&self) -> Vec<usize> {
+        let width = |column: usize| {
+            let cells = std::iter::once(&self.head).chain(&self.rows);
+            cells.map(|row| row[column].chars().count()).max().unwrap_or(0)
+        };
+        (0..self.head.len()).map(width).collect()
+    }
+
+    fn line(&self, row: &[String], widths: &[usize], separator: &str) -> String {
+        let cell = |(column, (text, &width)): (usize, (&String, &usize))| {
+            if column < self.names { format!("{text:<width$}") } else { format!("{text:>width$}") }
+        };
+        let cells: Vec<String> = row.iter().zip(widths).enumerate().map(cell).collect();
+        cells.join(separator)
+    }
+
+    /// Aligned columns, one line per row, head first.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let widths = self.widths();
+        let lines = std::iter::once(&self.head).chain(&self.rows);
+        lines.map(|row| self.line(row, &widths, "  ").trim_end().to_owned() + "\n").collect()
+    }
+
+    /// A Markdown table.
+    #[must_use]
+    pub fn to_markdown(&self) -> String {
+        let widths = self.widths();
+        let mark = |(column, &width): (usize, &usize)| {
+            let dashes = "-".repeat(width.max(2) - 1);
+            if column < self.names { format!("{dashes}-") } else { format!("{dashes}:") }
+        };
+        let marks: Vec<String> = widths.iter().enumerate().map(mark).collect();
+        let widths: Vec<usize> = widths.iter().map(|&width| width.max(2)).collect();
+        let mut text = format!("| {} |\n| {} |\n", self.line(&self.head, &widths, " | "), marks.join(" | "));
+        for row in &self.rows {
+            text += &format!("| {} |\n", self.line(row, &widths, " | "));
+        }
+        text
+    }
+}
+
+/// The table of an evaluation: a row per window if `with_windows`, a row per scene, the mean.
+#[must_use]
+pub fn figures_table(windows: &[WindowRow], scenes: &[MeanRow], mean: &MeanRow, with_windows: bool) -> Table {
+    let head = ["scene", "Gaussians", "shell", "PSNR", "SSIM", "PSNR all", "nearest view", "gain", "seconds"];
+    let mut table = Table::new(&head, 1);
+    for scene in scenes {
+        if with_windows {
+            for window in windows.iter().filter(|window| window.scene() == scene.name) {
+                table.push(cells(&window.name, &window.figures, window.spread));
+            }
+        }
+        let name = match (with_windows, scene.members) {
+            (false, _) => scene.name.clone(),
+            (true, 1) => continue,
+            (true, members) => format!("{} (mean of {members})", scene.name),
+        };
+        table.push(cells(&name, &scene.figures, scene.spread));
+    }
+    if scenes.len() > 1 {
+        table.push(cells(&format!("mean of {} scenes", mean.members), &mean.figures, mean.spread));
+    }
+    table
+}
+
+fn cells(name: &str, figures: &Figures, spread: Option<Spread>) -> Vec<String> {
+    let with =
+        |text: String, spread: Option<f64>, digits: usize| match spread.filter(|spread| spread.is_finite()) {
+            Some(spread) => format!("{text} ±{spread:.digits$}"),
+            None => text,
+        };
+    vec![
+        name.to_owned(),
+        count(figures.gaussians),
+        count(figures.gaussians_shell),
+        with(decibel(figures.psnr_held_out), spread.map(|s| s.psnr_held_out), 2),
+        with(number(figures.ssim_held_out, 3), spread.map(|s| s.ssim_held_out), 3),
+        decibel(figures.psnr_all),
+        decibel(figures.psnr_nearest_view),
+        signed(figures.psnr_held_out - figures.psnr_nearest_view),
+        number(figures.seconds.total, 2),
+    ]
+}
+
+/// dB with two digits; `inf` for equal images, `-` where there is none.
+#[must_use]
+pub fn decibel(value: f64) -> String {
+    number(value, 2)
+}
+
+/// A number with `digits` behind the point; `-` where there is none.
+#[must_use]
+pub fn number(value: f64, digits: usize) -> String {
+    if value.is_nan() { "-".to_owned() } else { format!("{value:.digits$}") }
+}
+
+fn signed(value: f64) -> String {
+    if value.is_nan() { "-".to_owned() } else { format!("{value:+.2}") }
+}
+
+/// A count, rounded, in groups of three digits.
+#[must_use]
+pub fn count(value: f64) -> String {
+    if value.is_nan() {
+        return "-".to_owned();
+    }
+    let digits = format!("{value:.0}");
+    let mut grouped = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            grouped.push(' ');
+        }
+        grouped.push(digit);
+    }
+    grouped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figures::means;
+    use crate::figures::tests::row;
+
+    #[test]
+    fn columns_are_aligned_and_names_are_on_the_left() {
+        let mut table = Table::new(&["name", "n"], 1);
+        table.push(vec!["a".into(), "1".into()]);
+        table.push(vec!["longer".into(), "1000".into()]);
+        assert_eq!(table.to_text(), "name       n\na          1\nlonger  1000\n");
+        let markdown = "| name   |    n |\n| ------ | ---: |\n| a      |    1 |\n| longer | 1000 |\n";
+        assert_eq!(table.to_markdown(), markdown);
+    }
+
+    #[test]
+    fn counts_are_grouped() {
+        assert_eq!(
+            [0.0, 999.0, 1000.0, 40_000.4, 1_234_567.0].map(count),
+            ["0", "999", "1 000", "40 000", "1 234 567"]
+        );
+        assert_eq!(count(f64::NAN), "-");
+    }
+
+    #[test]
+    fn windows_scenes_and_mean_have_rows() {
+        let windows = [row("a/0", &[10.0, 11.0]), row("a/1", &[20.0, 20.0]), row("b/0", &[f64::NAN, 3.0])];
+        let (scenes, mean) = means(&windows);
+        let names = |with_windows| -> Vec<String> {
+            let table = figures_table(&windows, &scenes, &mean, with_windows);
+            table.rows().iter().map(|row| row[0].clone()).collect()
+        };
+        assert_eq!(names(true), ["a/0", "a/1", "a (mean of 2)", "b/0", "mean of 2 scenes"]);
+        assert_eq!(names(false), ["a", "b", "mean of 2 scenes"]);
+        let table = figures_table(&windows, &scenes, &mean, true);
+        assert_eq!(table.rows()[0][3], "10.50 ±0.71");
+        assert_eq!(table.rows()[3][3], "-");
+    }
+}

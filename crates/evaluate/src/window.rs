@@ -1,0 +1,153 @@
+//! One window: context views in, targets rendered and measured.
+
+use crate::figures::{Figures, Seconds, Target, WindowFigures, mean};
+use crate::render::{Rendered, render_view};
+use crate::{Error, Result};
+use gs_scene::{Image, View};
+use image_metrics::{psnr, ssim};
+use sparsesplat::{Config, Prediction, Stage, predict};
+use std::time::Instant;
+
+/// Views of one scene: some to reconstruct from, some held out to be measured on.
+#[derive(Debug, Clone)]
+pub struct Window {
+    /// `scene/window`.
+    pub name: String,
+    /// Context views: all that the method sees.
+    pub context: Vec<View>,
+    /// Held-out targets.
+    pub targets: Vec<View>,
+    /// Positions of the context views in the data set's list.
+    pub context_positions: Vec<usize>,
+    /// Positions of the targets.
+    pub target_positions: Vec<usize>,
+    /// Time it took to load the views, seconds.
+    pub load_seconds: f64,
+}
+
+/// What is being done, for progress bars.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Step {
+    /// Photographs are read.
+    Load,
+    /// A stage of the pipeline begins.
+    Predict(Stage),
+    /// A view is rendered and measured.
+    Render,
+}
+
+/// What a window gave.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Its figures.
+    pub figures: WindowFigures,
+    /// The scene, and the depth it stands on.
+    pub prediction: Prediction,
+    /// A rendering of each target.
+    pub renderings: Vec<Rendered>,
+}
+
+/// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are compared as they
+/// are, floats clipped to 0..1, over a black background, in the common exposure: nothing is fitted to a target.
+///
+/// # Errors
+/// If the views do not suffice for the settings, or the sizes of two pictures that are to be compared differ.
+pub fn run_window(window: &Window, config: &Config, on_step: &mut dyn FnMut(Step)) -> Result<Outcome> {
+    let begin = Instant::now();
+    let prediction = predict(&window.context, config, &mut |stage| on_step(Step::Predict(stage)))?;
+    let predict_seconds = begin.elapsed().as_secs_f64();
+    let mut render_seconds = 0.0;
+    let mut render_timed = |view: &View| {
+        on_step(Step::Render);
+        let begin = Instant::now();
+        let rendered = render_view(&prediction.gaussians, view.camera());
+        render_seconds += begin.elapsed().as_secs_f64();
+        rendered
+    };
+
+    let mut per_target = Vec::with_capacity(window.targets.len());
+    let mut renderings = Vec::with_capacity(window.targets.len());
+    for target in &window.targets {
+        let rendered = render_timed(target)?;
+        let nearest = nearest_view(target, &window.context)?;
+        per_target.push(Target {
+            name: target.name().to_owned(),
+            psnr: compare(psnr, target, &rendered.image)?,
+            ssim: compare(ssim, target, &rendered.image)?,
+            nearest_view: nearest.name().to_owned(),
+            psnr_nearest_view: compare(psnr, target, nearest.image())?,
+        });
+        renderings.push(rendered);
+    }
+    let mut context_psnr = Vec::with_capacity(window.context.len());
+    for view in &window.context {
+        context_psnr.push(compare(psnr, view, &render_timed(view)?.image)?);
+    }
+
+    let seconds = Seconds {
+        load: window.load_seconds,
+        render: render_seconds,
+        total: window.load_seconds + predict_seconds + render_seconds,
+        ..Seconds::default()
+    };
+    let figures = Figures {
+        gaussians: prediction.counts.total as f64,
+        gaussians_shell: prediction.counts.shell as f64,
+        psnr_held_out: mean(per_target.iter().map(|target| target.psnr)),
+        ssim_held_out: mean(per_target.iter().map(|target| target.ssim)),
+        lpips_held_out: None,
+        psnr_all: mean(per_target.iter().map(|target| target.psnr).chain(context_psnr)),
+        psnr_nearest_view: mean(per_target.iter().map(|target| target.psnr_nearest_view)),
+        seconds: seconds.with_stages(&prediction.seconds),
+    };
+    let figures = WindowFigures {
+        seed: config.seed,
+        figures,
+        counts: prediction.counts.clone(),
+        tau: prediction.tau,
+        depth_range: prediction.depth_range,
+        exposure: prediction.exposure.clone(),
+        per_target,
+    };
+    Ok(Outcome { figures, prediction, renderings })
+}
+
+/// A metric between a photograph and what should look like it.
+fn compare(
+    metric: fn(&Image, &Image) -> image_metrics::Result<f64>,
+    view: &View,
+    image: &Image,
+) -> Result<f64> {
+    metric(view.image(), image).map_err(|source| Error::Metric { view: view.name().to_owned(), source })
+}
+
+/// The context view whose camera stands closest to the target's; of equals the first.
+fn nearest_view<'a>(target: &View, context: &'a [View]) -> Result<&'a View> {
+    let position = target.camera().position();
+    let distance = |view: &View| view.camera().position().distance_squared(position);
+    // `min_by` keeps the first of equals.
+    context.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).ok_or(Error::NoContext)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gs_scene::{Camera, Intrinsics};
+
+    fn view(name: &str, x: f64) -> View {
+        let lens = Intrinsics { fx: 20.0, fy: 20.0, cx: 8.0, cy: 8.0, width: 16, height: 16 };
+        // Cameras on a line, looking along z.
+        let position = glam::DVec3::new(x, 0.0, 0.0);
+        let camera = Camera::from_camera_to_world(lens, glam::DMat3::IDENTITY, position).unwrap();
+        View::new(name, Image::filled(16, 16, [0.5; 3]).unwrap(), camera, None).unwrap()
+    }
+
+    #[test]
+    fn the_nearest_view_is_the_first_of_equally_near_ones() {
+        let context = [view("far", 9.0), view("left", -1.0), view("right", 1.0)];
+        assert_eq!(nearest_view(&view("t", 0.0), &context).unwrap().name(), "left");
+        assert_eq!(nearest_view(&view("t", 6.0), &context).unwrap().name(), "far");
+        assert!(matches!(nearest_view(&view("t", 0.0), &[]), Err(Error::NoContext)));
+    }
+}
