@@ -1,0 +1,89 @@
+use crate::{Profile, basis};
+use glam::{DMat3, DVec2, DVec3};
+use gs_scene::{Camera, Gaussians, sh_coefficients};
+
+/// One Gaussian between near and far, as a camera sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projected {
+    /// Index in the scene.
+    pub index: usize,
+    /// Centre, pixels.
+    pub mean: DVec2,
+    /// (A, B, C) of the inverse 2D covariance [A B; B C], 1 / square pixels.
+    pub conic: [f64; 3],
+    /// z-depth of the centre, scene units.
+    pub depth: f64,
+    /// Colour, not negative.
+    pub rgb: [f64; 3],
+    /// Opacity, compensated if the profile says so.
+    pub opacity: f64,
+}
+
+/// Gaussian `index` of a scene as a camera sees it: EWA splatting (Zwicker et al. 2001) with the Jacobian evaluated
+/// at a direction clamped to the image and 15 % of its size around it. `None` if it is not between near and far, if a
+/// stored value is not finite, or if its quaternion is zero.
+#[must_use]
+pub fn project(gaussians: &Gaussians, index: usize, camera: &Camera, profile: &Profile) -> Option<Projected> {
+    let row: Vec<f64> = gaussians.geometry()[index * 11..][..11].iter().map(|&v| f64::from(v)).collect();
+    let k = sh_coefficients(gaussians.sh_degree());
+    let sh: Vec<f64> = gaussians.sh()[index * k * 3..][..k * 3].iter().map(|&v| f64::from(v)).collect();
+    if !row.iter().chain(&sh).all(|value| value.is_finite()) {
+        return None;
+    }
+    let mean = DVec3::new(row[0], row[1], row[2]);
+    let p = camera.rotation() * mean + camera.translation();
+    if !(p.z > profile.near && p.z < profile.far) {
+        return None;
+    }
+
+    let norm = (row[3] * row[3] + row[4] * row[4] + row[5] * row[5] + row[6] * row[6]).sqrt();
+    if norm == 0.0 {
+        return None;
+    }
+    let [w, x, y, z] = [row[3] / norm, row[4] / norm, row[5] / norm, row[6] / norm];
+    let rotation = DMat3::from_cols(
+        DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+        DVec3::new(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+        DVec3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+    );
+    let scale = DMat3::from_diagonal(DVec3::new(row[7].exp(), row[8].exp(), row[9].exp()));
+
+    let lens = camera.intrinsics();
+    let (width, height) = (lens.width as f64, lens.height as f64);
+    let clamp = |slope: f64, centre: f64, size: f64, focal: f64| {
+        let margin = 0.3 * size / (2.0 * focal);
+        slope.max(-(centre / focal + margin)).min((size - centre) / focal + margin)
+    };
+    let ux = clamp(p.x / p.z, lens.cx, width, lens.fx);
+    let uy = clamp(p.y / p.z, lens.cy, height, lens.fy);
+    // Rows of the Jacobian of the pinhole projection, then of V = J Rv R S.
+    let jacobian = [
+        DVec3::new(lens.fx / p.z, 0.0, -lens.fx * ux / p.z),
+        DVec3::new(0.0, lens.fy / p.z, -lens.fy * uy / p.z),
+    ];
+    let m = camera.rotation() * rotation * scale;
+    let [v0, v1] = jacobian.map(|row| m.transpose() * row);
+
+    // Covariance V Vᵀ + ε I. Its determinant by Cauchy-Binet: a c - b² would cancel for needles, in f64 too.
+    let (a0, b, c0) = (v0.dot(v0), v0.dot(v1), v1.dot(v1));
+    let det0 = v0.cross(v1).length_squared();
+    let det = det0 + profile.eps2d * (a0 + c0) + profile.eps2d * profile.eps2d;
+    let conic = [(c0 + profile.eps2d) / det, -b / det, (a0 + profile.eps2d) / det];
+
+    let mut opacity = 1.0 / (1.0 + (-row[10]).exp());
+    if profile.antialias {
+        opacity *= (det0 / det).max(profile.compensation_min * profile.compensation_min).sqrt();
+    }
+
+    let direction = (mean - camera.position()).normalize();
+    let y = basis(direction);
+    let channel = |c: usize| (0.5 + (0..k).map(|i| y[i] * sh[i * 3 + c]).sum::<f64>()).max(0.0);
+    Some(Projected {
+        index,
+        mean: DVec2::new(lens.fx * p.x / p.z + lens.cx, lens.fy * p.y / p.z + lens.cy),
+        conic,
+        depth: p.z,
+        rgb: [channel(0), channel(1), channel(2)],
+        opacity,
+    })
+}

@@ -1,0 +1,45 @@
+//! The only home of tolerances: quantity, unit, bound, reason. Widening one is a commit of its own.
+
+use crate::Deviation;
+
+/// Rounding of a few operations in f64 on numbers near 1, relative.
+pub const ROUNDING_F64: f64 = 1e-14;
+
+/// Midpoint rule with 4000 points on a polynomial of degree 6, absolute.
+pub const QUADRATURE: f64 = 1e-5;
+
+/// gs-reference against golden images, times max(1, |value|): the golden outputs are f64 results stored as f32, whose
+/// rounding is 6e-8.
+pub const REFERENCE_IMAGE: f64 = 1e-6;
+
+/// gs-reference against golden f64 intermediates, relative to the largest: the same arithmetic in another order; the
+/// golden determinant a c - b² of a needle of 180 pixels keeps ten digits.
+pub const REFERENCE_INTERMEDIATE: f64 = 1e-9;
+
+/// Factor on the deviation that plain f32 has on the same case: room for another order of the same operations.
+pub const F32_FACTOR: f64 = 10.0;
+
+/// An f32 renderer on cases in which plain f32 is better than this, relative to the largest value: a few hundred
+/// roundings of 6e-8 add up in a pixel.
+pub const F32_LEAST: f64 = 2e-6;
+
+/// An f32 renderer on outputs for which no deviation of plain f32 is known, relative to the largest value.
+pub const F32_WITHOUT_FLOOR: f64 = 1e-5;
+
+/// Distance of a decision from its threshold, relative, below which f32 may decide otherwise.
+pub const AMBIGUOUS: f64 = 5e-4;
+
+/// Bound on the largest deviation of an f32 renderer, given the deviation of plain f32 on the same output if known.
+#[must_use]
+pub fn f32_bound(deviation: &Deviation, floor: Option<f64>) -> f64 {
+    match floor {
+        Some(floor) => (F32_FACTOR * floor).max(F32_LEAST * deviation.largest),
+        None => F32_WITHOUT_FLOOR * deviation.largest,
+    }
+}
+
+/// Bound on the largest deviation of gs-reference from a golden image.
+#[must_use]
+pub fn reference_bound(deviation: &Deviation) -> f64 {
+    REFERENCE_IMAGE * deviation.largest.max(1.0)
+}
