@@ -5,7 +5,7 @@ use crate::{Material, Pattern, Primitive, Result, Rgb, Scene, Shape, Sky, Sun};
 use glam::DVec3;
 use gs_scene::Camera;
 
-const WHITE: Rgb = [0.93, 0.92, 0.89];
+const WHITE: Rgb = [0.96, 0.955, 0.93];
 const LIGHT_WOOD: Rgb = [0.80, 0.62, 0.42];
 const DARK_WOOD: Rgb = [0.50, 0.32, 0.18];
 
@@ -74,20 +74,20 @@ impl Stage {
         };
         let tiles = Pattern::Checker { colours: [[0.86, 0.82, 0.74], [0.56, 0.47, 0.42]], cell: 0.4 };
         let grass = noise([0.20, 0.30, 0.10], [0.52, 0.62, 0.26], 0.8, 6);
-        let leaves = noise([0.10, 0.20, 0.07], [0.45, 0.62, 0.25], 0.25, 4);
+        let leaves = noise([0.10, 0.20, 0.07], [0.46, 0.64, 0.25], 0.3, 6);
         self.put("lawn", Shape::Rectangle { width: 40.0, height: 40.0 }, v(0.0, 0.0, -0.02), grass);
         let paving = Shape::Rectangle { width: 7.2, height: 7.2 };
         self.put("paving", paving, v(-0.4, 0.0, 0.0), tiles).material.mottle = 0.35;
-        self.stand("brick wall", v(5.0, 0.3, 2.5), v(0.5, 3.15, 0.0), 0.0, brick);
-        self.stand("coping", v(5.06, 0.38, 0.07), v(0.5, 3.15, 2.5), 0.0, plain([0.72, 0.69, 0.64]));
-        self.stand("plaster wall", v(0.3, 6.0, 3.0), v(3.15, 0.3, 0.0), 0.0, plain(WHITE));
+        self.stand("brick wall", v(5.0, 0.3, 1.9), v(0.5, 3.15, 0.0), 0.0, brick);
+        self.stand("coping", v(5.06, 0.38, 0.07), v(0.5, 3.15, 1.9), 0.0, plain([0.72, 0.69, 0.64]));
+        self.stand("plaster wall", v(0.3, 6.0, 2.8), v(3.15, 0.3, 0.0), 0.0, plain(WHITE));
         self.stand("skirting", v(0.02, 5.4, 0.25), v(2.99, 0.3, 0.0), 0.0, plain([0.55, 0.56, 0.58]));
-        self.stand("hedge", v(5.0, 0.8, 1.3), v(-4.6, 3.4, 0.0), 0.0, leaves);
-        self.put("tree crown", Shape::Sphere { radius: 1.5 }, v(-4.2, 7.5, 2.9), leaves);
+        self.stand("hedge", v(6.0, 0.8, 1.8), v(-5.1, 3.5, 0.0), 0.0, leaves);
+        self.put("tree crown", Shape::Sphere { radius: 1.5 }, v(-0.6, 7.5, 2.9), leaves);
         self.put(
             "tree trunk",
             Shape::Cylinder { radius: 0.18, height: 2.2 },
-            v(-4.2, 7.5, 1.1),
+            v(-0.6, 7.5, 1.1),
             plain(DARK_WOOD),
         );
     }
@@ -115,10 +115,10 @@ impl Stage {
         );
         let concrete = noise([0.48, 0.48, 0.47], [0.72, 0.71, 0.69], 0.3, 6);
         self.stand("planter", v(0.55, 0.55, 0.5), v(-1.75, 2.6, 0.0), 0.0, concrete);
-        let leaves = noise([0.08, 0.20, 0.06], [0.42, 0.64, 0.22], 0.14, 4);
+        let leaves = noise([0.08, 0.20, 0.06], [0.45, 0.68, 0.24], 0.12, 5);
         self.put("bush", Shape::Sphere { radius: 0.42 }, v(-1.75, 2.6, 0.85), leaves);
         let stripes = Pattern::Checker { colours: [[0.92, 0.90, 0.84], [0.78, 0.24, 0.18]], cell: 0.1472 };
-        self.put("ball", Shape::Sphere { radius: 0.2812 }, v(-0.85, -0.35, 0.2812), stripes).rotation =
+        self.put("ball", Shape::Sphere { radius: 0.2812 }, v(-0.75, 0.55, 0.2812), stripes).rotation =
             v(25.0, 20.0, 40.0);
         self.put(
             "pot",
@@ -193,12 +193,12 @@ pub fn demo_scene() -> Scene {
     stage.things_on_the_table();
     Scene {
         primitives: stage.0,
-        sun: Some(Sun { towards: v(-0.62, -0.48, 0.85), colour: [1.0, 0.96, 0.88], strength: 0.78 }),
+        sun: Some(Sun { towards: v(-0.74, -0.50, 0.80), colour: [1.0, 0.96, 0.88], strength: 0.9 }),
         sky: Sky {
             zenith: [0.36, 0.56, 0.86],
             horizon: [0.84, 0.90, 0.95],
             ground: [0.52, 0.54, 0.42],
-            light: 0.55,
+            light: 0.62,
         },
     }
 }
@@ -210,7 +210,7 @@ pub fn demo_scene() -> Scene {
 /// If the size is empty.
 pub fn demo_cameras(width: usize, height: usize) -> Result<(Vec<Camera>, Vec<Camera>)> {
     let walk =
-        Trajectory::Arc { target: v(0.45, 0.9, 0.85), radius: 4.1, height: 0.75, from: -132.0, to: -92.0 };
+        Trajectory::Arc { target: v(0.4, 0.9, 0.95), radius: 4.3, height: 0.75, from: -132.0, to: -92.0 };
     let cameras = walk.cameras(lens(width, height, 62.0), 11)?;
     Ok((cameras.iter().copied().step_by(2).collect(), cameras.iter().copied().skip(1).step_by(2).collect()))
 }

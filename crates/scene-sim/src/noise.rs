@@ -23,18 +23,26 @@ pub(crate) fn unit(bits: u32) -> f64 {
     f64::from(bits) * 2f64.powi(-32)
 }
 
+/// The largest integer up to `x`, as lattice index and as number. (`f64::floor` is a library call on x86-64 without
+/// SSE 4.1, and takes a third of the time of the noise.)
+fn floor(x: f64) -> (i64, f64) {
+    let truncated = x as i64;
+    let index = truncated - i64::from((truncated as f64) > x);
+    (index, index as f64)
+}
+
 /// The cell of a lattice that holds `x`, as hash input; far cells wrap.
 pub(crate) fn cell(x: f64) -> u32 {
-    x.floor() as i64 as u32
+    floor(x).0 as u32
 }
 
 /// Value noise with lattice spacing 1: smooth, in 0..1, mean 1/2.
 pub(crate) fn value(p: DVec3, seed: u32) -> f64 {
-    let base = p.floor();
-    let f = p - base;
+    let [(x, x0), (y, y0), (z, z0)] = p.to_array().map(floor);
+    let (x, y, z) = (x as u32, y as u32, z as u32);
+    let f = p - DVec3::new(x0, y0, z0);
     // Perlin's quintic fade: first and second derivatives vanish at the lattice points.
     let w = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
-    let (x, y, z) = (cell(base.x), cell(base.y), cell(base.z));
     let seed = finish(seed);
     let corner = |dx: u32, dy: u32, dz: u32| {
         let mixed = x.wrapping_add(dx).wrapping_mul(0x8da6_b343)

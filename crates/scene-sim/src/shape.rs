@@ -24,6 +24,7 @@ pub(crate) enum Face {
 }
 
 /// The interval in which the ray coordinate `o + t d` stays within ±`half`.
+#[inline]
 fn slab(o: f64, d: f64, half: f64) -> Option<(f64, f64)> {
     if d == 0.0 {
         return (o.abs() <= half).then_some((f64::NEG_INFINITY, f64::INFINITY));
@@ -33,6 +34,7 @@ fn slab(o: f64, d: f64, half: f64) -> Option<(f64, f64)> {
     Some((a.min(b), a.max(b)))
 }
 
+#[inline]
 fn meet(a: (f64, f64), b: (f64, f64)) -> Option<(f64, f64)> {
     let (enter, leave) = (a.0.max(b.0), a.1.min(b.1));
     (enter <= leave).then_some((enter, leave))
@@ -65,6 +67,7 @@ fn ball(o: DVec3, d: DVec3, radius: f64) -> Option<(f64, f64)> {
 
 impl Shape {
     /// Half the extents along its own axes, metres.
+    #[inline]
     pub(crate) fn half(&self) -> DVec3 {
         0.5 * match *self {
             Self::Rectangle { width, height } => DVec3::new(width, height, 0.0),
@@ -80,6 +83,7 @@ impl Shape {
     }
 
     /// Where the ray `o + t d` enters and leaves the shape; both are the same for what has no thickness.
+    #[inline]
     pub(crate) fn interval(&self, o: DVec3, d: DVec3) -> Option<(f64, f64)> {
         match *self {
             Self::Rectangle { .. } | Self::Box { .. } => {

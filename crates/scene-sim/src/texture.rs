@@ -74,8 +74,8 @@ impl Texture {
         }
         let mut mean = sum / (columns * rows) as f32;
         if *mottle > 0.0 {
-            // Stains of 40 cm down to 2 cm; the fourth power of a smooth field would be spots, the plain one is wear.
-            let stain = octaves(point.position / 0.4, 5, width / 0.4, seed.wrapping_add(77));
+            // Stains of 40 cm down to 5 cm.
+            let stain = octaves(point.position / 0.4, 4, width / 0.4, seed.wrapping_add(77));
             mean *= 1.0 - mottle * (1.6 * stain as f32 - 0.3).clamp(0.0, 1.0);
         }
         mean
@@ -179,11 +179,11 @@ fn print(uv: DVec2, extent: DVec2, line: f64, seed: u32) -> Stroke {
         return image(picture, seed);
     }
     let row = p.y.floor() - 3.0;
-    // Every sixth line is empty, and no line but those beside the picture has the same length.
+    // Every sixth line is empty, the last one is whole, and no line but those beside the picture has the same length.
     let beside = size.y * 0.55 - 1.0 < p.y;
     let room = if beside { size.x * 0.47 } else { size.x };
     let length = room * (0.75 + 0.25 * unit(hash(cell(row), 5, 3, seed)));
-    if row % 6.0 == 5.0 {
+    if row % 6.0 == 5.0 || p.y.floor() + 1.0 > size.y {
         return Stroke::Paper;
     }
     letter(DVec2::new(p.x, p.y - p.y.floor() + row), length, 1, seed).map_or(Stroke::Paper, |()| Stroke::Ink)

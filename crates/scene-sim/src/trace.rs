@@ -140,10 +140,12 @@ impl Body {
         m.x_axis.abs() * half.x + m.y_axis.abs() * half.y + m.z_axis.abs() * half.z
     }
 
+    #[inline]
     fn local(&self, ray: &PathRay) -> (DVec3, DVec3) {
         (self.to_local * (ray.origin - self.centre), self.to_local * ray.direction)
     }
 
+    #[inline]
     /// The first crossing of its surface after the start of the ray.
     fn first_hit(&self, ray: &PathRay) -> Option<f64> {
         let (origin, direction) = self.local(ray);
@@ -232,20 +234,26 @@ impl Traced {
     /// The part of a ray inside the scene, in the unit frame of the hierarchy; with what turns a ray parameter into a
     /// parameter there. `None` if the ray misses the scene.
     fn enter(&self, ray: &PathRay) -> Option<(Ray, impl Fn(f64) -> f32)> {
-        let speed = ray.direction.length() / self.radius;
-        let direction = ray.direction.normalize();
-        let origin = ray.origin / self.radius;
-        // The unit ball: half the chord from the distance of the ray to the origin.
-        let middle = -origin.dot(direction);
-        let chord = 1.0 + 2.0 * MARGIN - (origin + direction * middle).length_squared();
-        if chord < 0.0 || middle + chord.sqrt() < 0.0 {
-            return None;
+        let length = ray.direction.length();
+        let shrink = self.radius.recip();
+        let speed = length * shrink;
+        let direction = ray.direction * length.recip();
+        let origin = ray.origin * shrink;
+        let (mut start, mut end) = (0.0, 2.0);
+        // A camera far outside would lose its place in f32: such a ray begins where it meets the unit ball.
+        if origin.length_squared() > 1.0 {
+            let middle = -origin.dot(direction);
+            let chord = 1.0 + 2.0 * MARGIN - (origin + direction * middle).length_squared();
+            if chord < 0.0 || middle + chord.sqrt() < 0.0 {
+                return None;
+            }
+            (start, end) = ((middle - chord.sqrt()).max(0.0), middle + chord.sqrt());
         }
-        let start = (middle - chord.sqrt()).max(0.0) - RUN_UP;
-        let length = middle + chord.sqrt() - start + RUN_UP;
+        start -= RUN_UP;
+        end += RUN_UP;
         // Adding zero turns -0 into 0, whose sign obvhs reads in two different ways.
         let (from, along) = ((origin + direction * start).as_vec3a(), direction.as_vec3a() + Vec3A::ZERO);
-        let ray = Ray::new(from, along, 0.0, length as f32);
+        let ray = Ray::new(from, along, 0.0, (end - start) as f32);
         // Rounded up by more than the errors of the box tests, so that no nearer box is passed over.
         Some((ray, move |t: f64| ((t * speed - start) + MARGIN) as f32))
     }

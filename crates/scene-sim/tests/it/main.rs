@@ -1,0 +1,43 @@
+//! What a user of the crate may rely on.
+
+/// Depth against closed forms, at the origin and far from it, and scenes at the edge of what is allowed.
+mod depth;
+/// Descriptions that are wrong, and the error each of them gets.
+mod errors;
+/// Light, shadow, ray counts and determinism.
+mod light;
+/// The views of the demonstration: overlap and agreement between them.
+mod views;
+
+use glam::DVec3;
+use gs_scene::{Camera, DepthMap, View};
+use scene_sim::{Material, Pattern, Primitive, Rgb, Scene, Shape, Sky, Sun, Traced, lens, render_view};
+
+const GREY: Pattern = Pattern::Plain { colour: [0.5; 3] };
+const SKY: Sky = Sky { zenith: [0.3, 0.5, 0.9], horizon: [0.8, 0.9, 1.0], ground: [0.4; 3], light: 0.5 };
+const SUN: Sun = Sun { towards: DVec3::new(-0.6, -0.3, 0.8), colour: [1.0; 3], strength: 0.8 };
+
+fn body(name: &str, shape: Shape, centre: DVec3, pattern: Pattern) -> Primitive {
+    let material = Material { pattern, mottle: 0.0, seed: 1 };
+    Primitive { name: name.into(), shape, centre, rotation: DVec3::ZERO, material }
+}
+
+fn scene(primitives: Vec<Primitive>, sun: Option<Sun>) -> Scene {
+    Scene { primitives, sun, sky: SKY }
+}
+
+fn camera(position: DVec3, target: DVec3) -> Camera {
+    Camera::looking_at(lens(61, 41, 60.0), position, target, DVec3::Z).unwrap()
+}
+
+fn view(scene: &Scene, camera: &Camera) -> View {
+    render_view(&Traced::new(scene).unwrap(), camera, 4, "view", 0).unwrap()
+}
+
+fn depth(view: &View) -> &DepthMap {
+    view.depth().unwrap()
+}
+
+fn luma(rgb: Rgb) -> f32 {
+    rgb.iter().sum::<f32>() / 3.0
+}
