@@ -1,1 +1,25 @@
-//! Readers of posed-view data sets, and the selection of context and target views.
+#![doc = include_str!("../README.md")]
+
+mod error;
+
+mod dataset;
+mod lens;
+mod nerfstudio;
+
+mod load;
+mod picture;
+mod undistort;
+
+mod index;
+
+mod overlap;
+mod scene_depth;
+mod select;
+
+pub use dataset::{Dataset, DepthFile, DepthPercentiles, Frame};
+pub use error::{Error, IndexRule, Result, TransformsRule};
+pub use index::{Dropped, EvaluationIndex, Window, read_index};
+pub use lens::{Distortion, Lens};
+pub use nerfstudio::open_nerfstudio;
+pub use scene_depth::{SceneDepth, estimate_scene_depth};
+pub use select::{Selection, select_views};

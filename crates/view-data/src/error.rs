@@ -1,0 +1,382 @@
+use std::path::PathBuf;
+
+/// What can be wrong with a data set, its files, an evaluation index or a selection of views.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file or folder cannot be read.
+    #[error("{}: cannot read", path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A file is not JSON, or ends too early.
+    #[error("{}: not valid JSON", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Line, column and reason.
+        #[source]
+        source: serde_json::Error,
+    },
+    /// A `transforms.json` breaks a rule of its format.
+    #[error("{}: {}{rule}", path.display(), place(frame.as_deref()))]
+    Transforms {
+        /// The file.
+        path: PathBuf,
+        /// Position and `file_path` of the frame; `None` if the rule concerns the whole file.
+        frame: Option<String>,
+        /// The rule, with expected and found.
+        rule: TransformsRule,
+    },
+    /// A frame position beyond the data set.
+    #[error("frame position {position} does not exist: {name} has {frames} frames (0 to {})", frames.saturating_sub(1))]
+    Position {
+        /// Name of the data set.
+        name: String,
+        /// The position asked for.
+        position: usize,
+        /// Frames in the data set.
+        frames: usize,
+    },
+    /// The picture of a frame is not there.
+    #[error(
+        "{}: picture of frame {frame} is missing; restore it, or remove the frame from the data set's list",
+        path.display()
+    )]
+    MissingPicture {
+        /// Where it was looked for.
+        path: PathBuf,
+        /// Name of the frame.
+        frame: String,
+    },
+    /// A picture cannot be decoded.
+    #[error("{}: picture cannot be decoded, expected a complete PNG or JPEG file", path.display())]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// The decoder's reason.
+        #[source]
+        source: image::ImageError,
+    },
+    /// A JPEG file without its end marker; a decoder would fill the rest with grey.
+    #[error("{}: JPEG file is truncated (it has no end-of-image marker)", path.display())]
+    TruncatedJpeg {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A picture, stored or asked for, with more pixels than a view may have.
+    #[error("{what} is {width}x{height}, expected at least one and at most {max_pixels} pixels")]
+    TooLarge {
+        /// The file, or `target size`.
+        what: String,
+        /// Pixels per row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// The limit.
+        max_pixels: usize,
+    },
+    /// A picture whose shape is not the one the intrinsics are given for.
+    #[error(
+        "{}: picture is {width}x{height}, but the intrinsics are for {stated_width}x{stated_height}: \
+         the aspect ratios differ by more than 1 % (cropped or rotated?)",
+        path.display()
+    )]
+    Aspect {
+        /// The picture.
+        path: PathBuf,
+        /// Its width.
+        width: usize,
+        /// Its height.
+        height: usize,
+        /// Width that the intrinsics are for.
+        stated_width: usize,
+        /// Height that the intrinsics are for.
+        stated_height: usize,
+    },
+    /// A depth file that is not 16-bit greyscale.
+    #[error("{}: depth is {found}, expected a 16-bit greyscale PNG (0 = no measurement)", path.display())]
+    DepthFormat {
+        /// The file.
+        path: PathBuf,
+        /// What it holds.
+        found: String,
+    },
+    /// The lens model maps two directions to one pixel inside the picture.
+    #[error(
+        "{}: lens distortion folds at pixel ({x}, {y}): k1 k2 k3 p1 p2 do not describe this picture; \
+         calibrate again, or undistort the pictures and set the coefficients to 0",
+        path.display()
+    )]
+    LensFolds {
+        /// The picture.
+        path: PathBuf,
+        /// Column of an undistorted pixel where it folds.
+        x: usize,
+        /// Its row.
+        y: usize,
+    },
+    /// Undistorting leaves no pixel that the picture covers.
+    #[error("{}: lens distortion leaves no part of the picture to show", path.display())]
+    LensEmpty {
+        /// The picture.
+        path: PathBuf,
+    },
+    /// Views that go together have different sizes.
+    #[error(
+        "views have different sizes: {first} is {first_width}x{first_height}, {second} is \
+         {second_width}x{second_height}; pass --size WxH to bring all to one size"
+    )]
+    MixedSizes {
+        /// Name of the first view.
+        first: String,
+        /// Its width.
+        first_width: usize,
+        /// Its height.
+        first_height: usize,
+        /// Name of the first view that differs.
+        second: String,
+        /// Its width.
+        second_width: usize,
+        /// Its height.
+        second_height: usize,
+    },
+    /// A view does not pass the checks of `gs-scene`.
+    #[error("frame {frame} makes no valid view")]
+    View {
+        /// Name of the frame.
+        frame: String,
+        /// The rule.
+        #[source]
+        source: gs_scene::Error,
+    },
+    /// An evaluation index breaks a rule of its format.
+    #[error("{}: {}: {rule}", path.display(), if key.is_empty() { "index" } else { key })]
+    Index {
+        /// The file.
+        path: PathBuf,
+        /// The entry, `scene/window`; empty if the rule concerns the whole file.
+        key: String,
+        /// The rule, with expected and found.
+        rule: IndexRule,
+    },
+    /// A selection of no views.
+    #[error("0 views asked for, expected at least 1")]
+    NoViews,
+    /// More views asked for than there are frames.
+    #[error("{wanted} views asked for, but there are only {frames} frames; lower --views")]
+    TooFewFrames {
+        /// Views asked for.
+        wanted: usize,
+        /// Frames there are.
+        frames: usize,
+    },
+    /// Too few frames see the same part of the scene.
+    #[error(
+        "{wanted} views asked for, but at most {connected} frames are connected (each shares half of its content \
+         with another); try --views {connected}, or take photographs with more overlap"
+    )]
+    Disconnected {
+        /// Views asked for.
+        wanted: usize,
+        /// Size of the largest connected set.
+        connected: usize,
+    },
+    /// A depth range that is none.
+    #[error("scene depth is near {near}, median {median}, far {far}; expected 0 < near <= median <= far < infinity")]
+    SceneDepth {
+        /// Nearest depth.
+        near: f64,
+        /// Median depth.
+        median: f64,
+        /// Farthest depth.
+        far: f64,
+    },
+}
+
+fn place(frame: Option<&str>) -> String {
+    frame.map_or_else(String::new, |frame| format!("frame {frame}: "))
+}
+
+/// The rules of a `transforms.json` that can be broken.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TransformsRule {
+    /// A value of the wrong JSON type.
+    #[error("{key} is {found}, expected {expected}")]
+    Type {
+        /// The key.
+        key: String,
+        /// What it should be.
+        expected: &'static str,
+        /// What it is.
+        found: &'static str,
+    },
+    /// A key that has to be there is absent.
+    #[error("key {key} is missing")]
+    MissingKey {
+        /// The key.
+        key: &'static str,
+    },
+    /// A number is NaN or infinite.
+    #[error("{key} is not finite")]
+    NotFinite {
+        /// The key.
+        key: String,
+    },
+    /// The list of frames is empty.
+    #[error("frames is empty, expected at least one frame")]
+    NoFrames,
+    /// There is no focal length.
+    #[error("no intrinsics: neither fl_x (pixels) nor camera_angle_x (radians) is given, per frame or for the file")]
+    NoFocal,
+    /// A key is given on some frames only, and not for the whole file.
+    #[error("{key} is missing here but given on other frames; give it on every frame or once for the file")]
+    PartialKey {
+        /// The key.
+        key: &'static str,
+    },
+    /// A picture size that is none.
+    #[error("{key} is {found}, expected a whole number of pixels from 1 to {}", super::nerfstudio::MAX_SIDE)]
+    Side {
+        /// `w` or `h`.
+        key: &'static str,
+        /// The value.
+        found: f64,
+    },
+    /// A number outside its range.
+    #[error("{key} is {found}, expected {expected}")]
+    Range {
+        /// The key.
+        key: &'static str,
+        /// The value.
+        found: f64,
+        /// The range in words.
+        expected: &'static str,
+    },
+    /// A camera model that is not a pinhole with radial and tangential distortion.
+    #[error("camera_model {found:?} is not supported, expected one of {}", super::nerfstudio::MODELS.join(", "))]
+    Model {
+        /// The model.
+        found: String,
+    },
+    /// A distortion coefficient beyond k1 k2 k3 p1 p2.
+    #[error("{key} is {found}: only distortion by k1 k2 k3 p1 p2 is supported; undistort the pictures first")]
+    Coefficient {
+        /// The key.
+        key: &'static str,
+        /// The value.
+        found: f64,
+    },
+    /// A pinhole model with distortion.
+    #[error("camera_model {model} has no distortion, but a distortion coefficient is not 0; set the model to OPENCV")]
+    DistortedPinhole {
+        /// The model.
+        model: String,
+    },
+    /// `transform_matrix` is not 4×4 (or 3×4).
+    #[error("{key} has {found}, expected 4 rows of 4 numbers")]
+    MatrixShape {
+        /// The key.
+        key: &'static str,
+        /// Its shape in words.
+        found: String,
+    },
+    /// The last row of a pose is not 0 0 0 1.
+    #[error("last row of {key} is {found:?}, expected [0, 0, 0, 1]; is the matrix transposed?")]
+    LastRow {
+        /// The key.
+        key: &'static str,
+        /// The row.
+        found: [f64; 4],
+    },
+    /// The 3×3 part of a pose is no rotation, uniform scale and rounded digits allowed for.
+    #[error(
+        "transform_matrix holds no rotation: |R Rᵀ - I| is {deviation:.2e} after a uniform scale is taken out, \
+         expected at most 1e-2"
+    )]
+    NotARotation {
+        /// Largest absolute entry of `R Rᵀ - I`.
+        deviation: f64,
+    },
+    /// The 3×3 part of a pose mirrors.
+    #[error("transform_matrix mirrors the scene (its determinant is negative); is an axis flipped?")]
+    Mirrored,
+    /// Focal lengths, principal point or size make no camera.
+    #[error("the camera is not valid")]
+    Camera(#[source] gs_scene::Error),
+    /// Two frames name the same picture.
+    #[error("same picture as frame {first}")]
+    DuplicateFrame {
+        /// Position of the earlier frame.
+        first: usize,
+    },
+    /// The picture is not where `file_path` says, and several folders have one of its name.
+    #[error("picture is not at file_path, and it is in more than one folder: {}; keep one of them", folders.join(", "))]
+    AmbiguousPicture {
+        /// The folders.
+        folders: Vec<String>,
+    },
+    /// `scene_depth_percentiles` decrease or are not positive.
+    #[error("scene_depth_percentiles are {found:?}, expected increasing numbers above 0")]
+    Percentiles {
+        /// 0.5, 2, 50, 98 and 99.5 %.
+        found: [f64; 5],
+    },
+}
+
+/// The rules of an evaluation index that can be broken.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum IndexRule {
+    /// The file has no entries.
+    #[error("has no entries")]
+    Empty,
+    /// A key occurs twice.
+    #[error("key occurs twice")]
+    DuplicateKey,
+    /// An entry is not `{"context": [..], "target": [..]}` or null.
+    #[error("entry is not null or an object with lists \"context\" and \"target\" of frame positions")]
+    Entry,
+    /// A list without positions.
+    #[error("{list} is empty")]
+    EmptyList {
+        /// `context` or `target`.
+        list: &'static str,
+    },
+    /// A position occurs twice in a list.
+    #[error("{list} names frame position {position} twice")]
+    Duplicate {
+        /// `context` or `target`.
+        list: &'static str,
+        /// The position.
+        position: usize,
+    },
+    /// A position beyond the frames of the scene.
+    #[error("{list} names frame position {position}, but {scene} has {frames} frames (0 to {})", frames.saturating_sub(1))]
+    Position {
+        /// `context` or `target`.
+        list: &'static str,
+        /// The position.
+        position: usize,
+        /// Name of the data set.
+        scene: String,
+        /// Its number of frames.
+        frames: usize,
+    },
+    /// No entry for a scene.
+    #[error("no usable entry for scene {scene}, only for: {}", known.join(", "))]
+    UnknownScene {
+        /// The scene.
+        scene: String,
+        /// The scenes that have entries.
+        known: Vec<String>,
+    },
+}
+
+/// This crate's result.
+pub type Result<T> = std::result::Result<T, Error>;

@@ -1,0 +1,208 @@
+//! nerfstudio's `transforms.json`: intrinsics per frame or for the file, camera-to-world poses with OpenGL axes
+//! (x right, y up, z backward).
+
+mod keys;
+mod pictures;
+
+use crate::dataset::nearest_rotation;
+use crate::{Dataset, DepthFile, DepthPercentiles, Distortion, Error, Frame, Lens, Result, TransformsRule as Rule};
+use glam::{DMat3, DVec3};
+use gs_scene::Intrinsics;
+use keys::Keys;
+use pictures::Pictures;
+use serde_json::Value;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// Camera models that are a pinhole with distortion by k1 k2 k3 p1 p2.
+pub(crate) const MODELS: [&str; 5] = ["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL"];
+/// Longest side of a picture, pixels.
+pub(crate) const MAX_SIDE: usize = 1 << 20;
+/// Keys of the camera that stand on a frame or at the top of the file.
+const CAMERA_KEYS: [&str; 18] = [
+    "camera_model",
+    "w",
+    "h",
+    "fl_x",
+    "fl_y",
+    "cx",
+    "cy",
+    "camera_angle_x",
+    "camera_angle_y",
+    "k1",
+    "k2",
+    "k3",
+    "k4",
+    "k5",
+    "k6",
+    "p1",
+    "p2",
+    "is_fisheye",
+];
+/// Metres per count of a depth file, unless `depth_unit_scale_factor` says otherwise: millimetres.
+const DEFAULT_DEPTH_UNIT: f64 = 0.001;
+
+/// Opens a data set in nerfstudio's layout: `path` is a `transforms.json` or the folder that holds one.
+///
+/// Reads the JSON, and of the pictures no more than their headers, those only where the file gives no `w` and `h`.
+/// Frames keep the file's order, and poses the file's world (see [`Dataset::applied_transform`]).
+///
+/// # Errors
+/// If the file cannot be read or breaks a rule of the format; the message names file, frame and rule.
+pub fn open_nerfstudio(path: &Path) -> Result<Dataset> {
+    let file = if path.is_dir() { path.join("transforms.json") } else { path.to_path_buf() };
+    let text = std::fs::read(&file).map_err(|source| Error::Read { path: file.clone(), source })?;
+    let json = keys::parse(&text).map_err(|source| Error::Json { path: file.clone(), source })?;
+    let root = match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
+        _ => PathBuf::from("."),
+    };
+    let shared = Keys::new(&file, None, &json)?;
+    let list = shared.list("frames")?.ok_or_else(|| shared.broken(Rule::MissingKey { key: "frames" }))?;
+    if list.is_empty() {
+        return Err(shared.broken(Rule::NoFrames));
+    }
+
+    let frames = list.iter().enumerate().map(|(position, value)| {
+        let path = value.get("file_path").and_then(Value::as_str).unwrap_or("no file_path");
+        Keys::new(&file, Some(format!("{position} ({path})")), value)
+    });
+    let frames = frames.collect::<Result<Vec<_>>>()?;
+    let on_some_frame = |key: &&str| !shared.has(key) && frames.iter().any(|frame| frame.has(key));
+    let per_frame: Vec<_> = CAMERA_KEYS.into_iter().filter(on_some_frame).collect();
+
+    let unit = shared.number("depth_unit_scale_factor")?.unwrap_or(DEFAULT_DEPTH_UNIT);
+    shared.require(unit > 0.0, "depth_unit_scale_factor", unit, "a number above 0")?;
+
+    let mut pictures = Pictures::new(&root);
+    let mut position_of = HashMap::new();
+    let mut read = Vec::with_capacity(frames.len());
+    for (position, keys) in frames.iter().enumerate() {
+        if let Some(key) = per_frame.iter().find(|key| !keys.has(key)) {
+            return Err(keys.broken(Rule::PartialKey { key }));
+        }
+        let frame = read_frame(keys, &shared, &mut pictures, unit)?;
+        if let Some(first) = position_of.insert(frame.image_path.clone(), position) {
+            return Err(keys.broken(Rule::DuplicateFrame { first }));
+        }
+        read.push(frame);
+    }
+    name_frames(&mut read, &frames);
+
+    Ok(Dataset {
+        name: folder_name(&root),
+        depth_percentiles: depth_percentiles(&shared)?,
+        applied_transform: shared.matrix("applied_transform")?,
+        applied_scale: shared.number("applied_scale")?,
+        frames: read,
+        file,
+        root,
+    })
+}
+
+fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: f64) -> Result<Frame> {
+    let file_path = keys.text("file_path")?.filter(|path| !path.is_empty());
+    let file_path = file_path.ok_or_else(|| keys.broken(Rule::MissingKey { key: "file_path" }))?;
+    let image_path = pictures.find(file_path).map_err(|folders| keys.broken(Rule::AmbiguousPicture { folders }))?;
+    let lens = read_lens(keys, shared, &image_path)?;
+    let matrix = keys.matrix("transform_matrix")?;
+    let matrix = matrix.ok_or_else(|| keys.broken(Rule::MissingKey { key: "transform_matrix" }))?;
+    let opengl = nearest_rotation(matrix.matrix3).map_err(|rule| keys.broken(rule))?;
+    let frame = Frame {
+        name: String::new(),
+        depth: keys.text("depth_file_path")?.map(|path| DepthFile { path: pictures.beside(path), unit }),
+        mask_path: keys.text("mask_path")?.map(|path| pictures.beside(path)),
+        image_path,
+        lens,
+        axes: opengl * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
+        position: matrix.translation,
+    };
+    frame.camera().map_err(|source| keys.broken(Rule::Camera(source)))?;
+    Ok(frame)
+}
+
+fn read_lens(keys: &Keys, shared: &Keys, image_path: &Path) -> Result<Lens> {
+    // A value of the frame overrides the file's; where it stands decides whom the error names.
+    let source = |key| if keys.has(key) { keys } else { shared };
+    let number = |key| source(key).number(key);
+    let coefficient = |key| Ok(number(key)?.unwrap_or(0.0));
+
+    let model = source("camera_model").text("camera_model")?;
+    if let Some(model) = model.filter(|model| !MODELS.contains(model)) {
+        return Err(keys.broken(Rule::Model { found: model.to_owned() }));
+    }
+    if source("is_fisheye").flag("is_fisheye")? == Some(true) {
+        return Err(keys.broken(Rule::Model { found: "is_fisheye".to_owned() }));
+    }
+    for key in ["k4", "k5", "k6"] {
+        let found = coefficient(key)?;
+        if found != 0.0 {
+            return Err(keys.broken(Rule::Coefficient { key, found }));
+        }
+    }
+    let distortion = Distortion {
+        k1: coefficient("k1")?,
+        k2: coefficient("k2")?,
+        k3: coefficient("k3")?,
+        p1: coefficient("p1")?,
+        p2: coefficient("p2")?,
+    };
+    if let Some(model) = model.filter(|model| model.ends_with("PINHOLE") && !distortion.is_zero()) {
+        return Err(keys.broken(Rule::DistortedPinhole { model: model.to_owned() }));
+    }
+
+    let (width, height) = match (number("w")?, number("h")?) {
+        (Some(w), Some(h)) => (source("w").side("w", w)?, source("h").side("h", h)?),
+        _ => crate::picture::size(image_path, keys.label())?,
+    };
+    let from_angle = |key, side: usize| -> Result<Option<f64>> {
+        let Some(angle) = number(key)? else { return Ok(None) };
+        let inside = angle > 0.0 && angle < std::f64::consts::PI;
+        source(key).require(inside, key, angle, "an angle between 0 and π, in radians")?;
+        Ok(Some(side as f64 * 0.5 / (angle * 0.5).tan()))
+    };
+    let given = |key, angle_key, side| Ok(number(key)?.or(from_angle(angle_key, side)?));
+    let fx: Option<f64> = given("fl_x", "camera_angle_x", width)?;
+    let fx = fx.ok_or_else(|| keys.broken(Rule::NoFocal))?;
+    let fy: Option<f64> = given("fl_y", "camera_angle_y", height)?;
+    let (cx, cy) = (number("cx")?, number("cy")?);
+    let intrinsics = Intrinsics {
+        fx,
+        fy: fy.unwrap_or(fx),
+        cx: cx.unwrap_or(width as f64 * 0.5),
+        cy: cy.unwrap_or(height as f64 * 0.5),
+        width,
+        height,
+    };
+    Ok(Lens { intrinsics, distortion })
+}
+
+fn depth_percentiles(shared: &Keys) -> Result<Option<DepthPercentiles>> {
+    let Some(percentiles) = shared.object("scene_depth_percentiles")? else { return Ok(None) };
+    let number = |key| percentiles.number(key)?.ok_or_else(|| shared.broken(Rule::MissingKey { key }));
+    let found = [number("0.5")?, number("2")?, number("50")?, number("98")?, number("99.5")?];
+    if !(found[0] > 0.0 && found.is_sorted()) {
+        return Err(shared.broken(Rule::Percentiles { found }));
+    }
+    let [p0_5, p2, p50, p98, p99_5] = found;
+    Ok(Some(DepthPercentiles { p0_5, p2, p50, p98, p99_5 }))
+}
+
+/// Names frames by the stem of their file, or by the whole path if a stem occurs twice.
+fn name_frames(frames: &mut [Frame], keys: &[Keys]) {
+    let stem = |frame: &Frame| frame.image_path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let mut count: HashMap<String, usize> = HashMap::new();
+    for frame in &*frames {
+        *count.entry(stem(frame)).or_default() += 1;
+    }
+    for (frame, keys) in frames.iter_mut().zip(keys) {
+        let stem = stem(frame);
+        let path = keys.text("file_path").ok().flatten().unwrap_or_default();
+        frame.name = if count[&stem] == 1 { stem } else { path.replace(['/', '\\'], "_") };
+    }
+}
+
+fn folder_name(root: &Path) -> String {
+    let full = std::fs::canonicalize(root).unwrap_or_else(|_| root.to_path_buf());
+    full.file_name().unwrap_or(full.as_os_str()).to_string_lossy().into_owned()
+}

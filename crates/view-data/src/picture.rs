@@ -1,0 +1,98 @@
+//! Decoding: PNG and JPEG files to pictures and depth counts.
+
+use crate::{Error, Result};
+use gs_scene::Image;
+use image::{DynamicImage, ImageError, ImageReader};
+use std::io::Cursor;
+use std::path::Path;
+
+/// More pixels than any camera takes; 1.6 GB as f32 RGB.
+pub(crate) const MAX_PIXELS: usize = 1 << 27;
+
+/// The picture's width and height, from its header.
+pub(crate) fn size(path: &Path, frame: &str) -> Result<(usize, usize)> {
+    let file = std::fs::File::open(path).map_err(|source| unreadable(path, frame, source))?;
+    let reader = ImageReader::new(std::io::BufReader::new(file)).with_guessed_format();
+    let (width, height) = reader
+        .map_err(ImageError::IoError)
+        .and_then(ImageReader::into_dimensions)
+        .map_err(|source| Error::Picture { path: path.to_path_buf(), source })?;
+    Ok((width as usize, height as usize))
+}
+
+/// An RGB picture in 0..1. Greyscale is spread to three channels, 16 bits are divided by 65535, alpha is blended
+/// onto black.
+pub(crate) fn read_image(path: &Path, frame: &str) -> Result<Image> {
+    let decoded = decode(path, frame)?;
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    let has_alpha = decoded.color().has_alpha();
+    let deep = decoded.color().bytes_per_pixel() / decoded.color().channel_count() > 1;
+    let image = if has_alpha {
+        let pixels = decoded.into_rgba32f().into_raw();
+        let blend = |p: &[f32]| [p[0] * p[3], p[1] * p[3], p[2] * p[3]];
+        Image::new(width, height, pixels.chunks_exact(4).flat_map(blend).collect())
+    } else if deep {
+        Image::new(width, height, decoded.into_rgb32f().into_raw())
+    } else {
+        Image::from_rgb8(width, height, decoded.into_rgb8().as_raw())
+    };
+    image.map_err(|source| Error::View { frame: frame.to_owned(), source })
+}
+
+/// Depth counts of a 16-bit greyscale PNG: width, height, `[height, width]`; 0 = no measurement.
+pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<(usize, usize, Vec<u16>)> {
+    match decode(path, frame)? {
+        DynamicImage::ImageLuma16(depth) => {
+            Ok((depth.width() as usize, depth.height() as usize, depth.into_raw()))
+        }
+        other => {
+            let path = path.to_path_buf();
+            Err(Error::DepthFormat { path, found: format!("a picture of type {:?}", other.color()) })
+        }
+    }
+}
+
+fn decode(path: &Path, frame: &str) -> Result<DynamicImage> {
+    let bytes = std::fs::read(path).map_err(|source| unreadable(path, frame, source))?;
+    if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_has_end(&bytes) {
+        return Err(Error::TruncatedJpeg { path: path.to_path_buf() });
+    }
+    let damaged = |source| Error::Picture { path: path.to_path_buf(), source };
+    let reader = || ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
+    let header = reader().map_err(ImageError::IoError).and_then(ImageReader::into_dimensions).map_err(damaged)?;
+    check_pixels(&path.display().to_string(), header.0 as usize, header.1 as usize)?;
+    reader().map_err(ImageError::IoError).and_then(ImageReader::decode).map_err(damaged)
+}
+
+/// At least one pixel, and few enough to hold in memory.
+pub(crate) fn check_pixels(what: &str, width: usize, height: usize) -> Result<()> {
+    if !(1..=MAX_PIXELS).contains(&width.saturating_mul(height)) {
+        return Err(Error::TooLarge { what: what.to_owned(), width, height, max_pixels: MAX_PIXELS });
+    }
+    Ok(())
+}
+
+fn unreadable(path: &Path, frame: &str, source: std::io::Error) -> Error {
+    let path = path.to_path_buf();
+    if source.kind() == std::io::ErrorKind::NotFound {
+        return Error::MissingPicture { path, frame: frame.to_owned() };
+    }
+    Error::Read { path, source }
+}
+
+/// Whether a JPEG file reaches its end-of-image marker. The decoder does not tell: it fills up with grey.
+///
+/// Segments before the first scan are skipped by their length (a thumbnail in them has an end marker of its own);
+/// in a scan the marker's bytes cannot occur as data.
+fn jpeg_has_end(bytes: &[u8]) -> bool {
+    const START_OF_SCAN: u8 = 0xda;
+    let mut at = 2;
+    while let Some(&[0xff, marker, high, low]) = bytes.get(at..at + 4) {
+        if marker == START_OF_SCAN {
+            return bytes[at..].windows(2).any(|pair| pair == [0xff, 0xd9]);
+        }
+        // A marker may be preceded by any number of fill bytes.
+        at += if marker == 0xff { 1 } else { 2 + usize::from(u16::from_be_bytes([high, low])) };
+    }
+    false
+}

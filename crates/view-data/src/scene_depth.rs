@@ -1,0 +1,120 @@
+//! How far away the scene is: stated by the file, or guessed from the poses.
+
+use crate::{DepthPercentiles, Error, Result};
+use glam::{DMat3, DVec3};
+use gs_scene::Camera;
+
+/// Camera depths (z, scene units) between which the scene lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SceneDepth {
+    /// Almost nothing is nearer.
+    pub near: f64,
+    /// Half of the content is nearer.
+    pub median: f64,
+    /// Almost nothing is farther.
+    pub far: f64,
+}
+
+impl From<DepthPercentiles> for SceneDepth {
+    /// The 2, 50 and 98 % depths.
+    fn from(percentiles: DepthPercentiles) -> Self {
+        Self { near: percentiles.p2, median: percentiles.p50, far: percentiles.p98 }
+    }
+}
+
+impl SceneDepth {
+    /// Checks that `0 < near <= median <= far < infinity`.
+    pub(crate) fn check(self) -> Result<()> {
+        let Self { near, median, far } = self;
+        if near > 0.0 && near <= median && median <= far && far.is_finite() {
+            return Ok(());
+        }
+        Err(Error::SceneDepth { near, median, far })
+    }
+}
+
+/// A rough scene depth from the poses alone; `None` if the cameras tell nothing (fewer than two, or all in one place).
+///
+/// Where the viewing axes converge, the point nearest to all of them (least squares) is taken for the middle of
+/// the scene, and its median depth over the cameras for the median; where they are nearly parallel, or diverge as
+/// in a room seen from its middle, the median is ten times the median distance from a camera to its nearest
+/// neighbour, which is how people walk. Near is 0.4 and far 2 times the median.
+///
+/// This is good enough to tell which views overlap. It knows nothing of the pictures: a camera that circles a
+/// bush in front of a wall gives the bush. Stereo needs a range estimated from matches.
+#[must_use]
+pub fn estimate_scene_depth(cameras: &[Camera]) -> Option<SceneDepth> {
+    if cameras.len() < 2 {
+        return None;
+    }
+    let median = focus_depth(cameras).or_else(|| spacing_depth(cameras))?;
+    Some(SceneDepth { near: NEAR * median, median, far: FAR * median })
+}
+
+/// Near and far as multiples of the median. Scenes differ more than this in both directions.
+const NEAR: f64 = 0.4;
+const FAR: f64 = 2.0;
+/// Median depth over the distance to the nearest camera: a step of a tenth of the depth turns a point by 6 degrees.
+const DEPTH_PER_STEP: f64 = 10.0;
+/// Least angle, about, by which the axes must converge for their meeting point to mean something: 10 degrees.
+const MIN_CONVERGENCE: f64 = 0.17;
+/// Least share of cameras that must have the meeting point in front.
+const MIN_IN_FRONT: f64 = 0.8;
+
+/// Median depth of the point nearest to all viewing axes.
+fn focus_depth(cameras: &[Camera]) -> Option<f64> {
+    // Minimises Σ |(I - d dᵀ)(x - c)|²; positions are taken from their mean to keep digits far from the origin.
+    let count = cameras.len() as f64;
+    let mean = cameras.iter().map(Camera::position).sum::<DVec3>() / count;
+    let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+    for camera in cameras {
+        let axis = camera.forward();
+        let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        matrix += across * count.recip();
+        right += across * (camera.position() - mean) * count.recip();
+    }
+    // The smallest eigenvalue is the mean squared sine of the axes' angles to their common direction.
+    if !(smallest_eigenvalue(&matrix) > MIN_CONVERGENCE * MIN_CONVERGENCE * 0.25) {
+        return None;
+    }
+    let focus = mean + matrix.inverse() * right;
+    let mut depths: Vec<f64> = cameras.iter().map(|camera| camera.to_camera(focus).z).collect();
+    let in_front = depths.iter().filter(|&&depth| depth > 0.0).count() as f64;
+    let depth = median(&mut depths)?;
+    (in_front >= MIN_IN_FRONT * count && depth.is_finite()).then_some(depth)
+}
+
+/// Smallest eigenvalue of a symmetric positive semi-definite matrix, by iteration on its adjugate (which has the same
+/// eigenvectors, and there the smallest becomes the largest).
+fn smallest_eigenvalue(matrix: &DMat3) -> f64 {
+    let (a, b, c) = (matrix.x_axis, matrix.y_axis, matrix.z_axis);
+    let adjugate = DMat3::from_cols(b.cross(c), c.cross(a), a.cross(b));
+    let start = [adjugate.x_axis, adjugate.y_axis, adjugate.z_axis];
+    let mut vector = start.into_iter().fold(DVec3::X, |longest, column| {
+        if column.length_squared() > longest.length_squared() * 1e-300 && column.length() > longest.length() {
+            column
+        } else {
+            longest
+        }
+    });
+    for _ in 0..50 {
+        vector = (adjugate * vector).normalize_or(vector);
+    }
+    vector.dot(*matrix * vector)
+}
+
+/// Median depth from the spacing of the cameras.
+fn spacing_depth(cameras: &[Camera]) -> Option<f64> {
+    let positions: Vec<DVec3> = cameras.iter().map(Camera::position).collect();
+    let nearest = |(i, &from): (usize, &DVec3)| {
+        let others = positions.iter().enumerate().filter(|&(j, _)| j != i);
+        others.map(|(_, to)| from.distance(*to)).filter(|&distance| distance > 0.0).reduce(f64::min)
+    };
+    let mut steps: Vec<f64> = positions.iter().enumerate().filter_map(nearest).collect();
+    median(&mut steps).map(|step| DEPTH_PER_STEP * step).filter(|depth| depth.is_finite())
+}
+
+fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}

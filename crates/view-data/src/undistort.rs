@@ -1,0 +1,163 @@
+//! Taking lens distortion out of a picture, so that a pinhole describes it.
+
+use crate::{Error, Lens, Result};
+use glam::DVec2;
+use gs_scene::{Image, Intrinsics};
+use std::path::Path;
+
+/// The pinhole picture behind a distorted one: a window of the picture's own pixel grid, with the same focal lengths,
+/// that shows nothing but what the lens saw.
+#[derive(Debug)]
+pub(crate) struct Undistortion {
+    lens: Lens,
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+}
+
+impl Undistortion {
+    /// Chooses the window: from the whole grid, the border line with the largest share of pixels that the picture
+    /// does not cover is taken off until all four lines are covered.
+    ///
+    /// A pixel is covered if it maps between the centres of the picture's outermost pixels. Covered border lines
+    /// cover what they enclose, because the map is one-to-one, which [`Undistortion::apply`] checks.
+    pub(crate) fn new(lens: Lens, path: &Path) -> Result<Self> {
+        let Intrinsics { width, height, .. } = lens.intrinsics;
+        let whole = Self { lens, left: 0, top: 0, width, height };
+        if lens.distortion.is_zero() {
+            return Ok(whole);
+        }
+        let covered = |x: usize, y: usize| {
+            let source = whole.lens.distort(whole.direction(x, y));
+            let inside = |v: f64, side: usize| v >= 0.5 - SLACK && v <= side as f64 - 0.5 + SLACK;
+            inside(source.x, width) && inside(source.y, height)
+        };
+        if !covered(width / 2, height / 2) {
+            return Err(Error::LensEmpty { path: path.to_path_buf() });
+        }
+        // Half-open window [left, right) × [top, bottom).
+        let (mut left, mut top, mut right, mut bottom) = (0, 0, width, height);
+        loop {
+            if left >= right || top >= bottom {
+                return Err(Error::LensEmpty { path: path.to_path_buf() });
+            }
+            let missing_in_column =
+                |x| (top..bottom).filter(|&y| !covered(x, y)).count() as f64 / (bottom - top) as f64;
+            let missing_in_row =
+                |y| (left..right).filter(|&x| !covered(x, y)).count() as f64 / (right - left) as f64;
+            let missing = [
+                missing_in_column(left),
+                missing_in_column(right - 1),
+                missing_in_row(top),
+                missing_in_row(bottom - 1),
+            ];
+            let worst = missing.into_iter().fold(0.0, f64::max);
+            if worst == 0.0 {
+                break;
+            }
+            match missing.into_iter().position(|share| share == worst) {
+                Some(0) => left += 1,
+                Some(1) => right -= 1,
+                Some(2) => top += 1,
+                _ => bottom -= 1,
+            }
+        }
+        Ok(Self { lens, left, top, width: right - left, height: bottom - top })
+    }
+
+    /// The pinhole of the undistorted picture.
+    pub(crate) fn intrinsics(&self) -> Intrinsics {
+        self.lens.intrinsics.cropped(self.left, self.top, self.width, self.height)
+    }
+
+    /// Direction of a pixel of the whole grid.
+    fn direction(&self, x: usize, y: usize) -> DVec2 {
+        self.lens.intrinsics.ray(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)).truncate()
+    }
+
+    /// Position in the undistorted picture to position in the distorted one, pixels.
+    pub(crate) fn source(&self, position: DVec2) -> DVec2 {
+        let on_grid = position + DVec2::new(self.left as f64, self.top as f64);
+        if self.lens.distortion.is_zero() {
+            return on_grid;
+        }
+        self.lens.distort(self.lens.intrinsics.ray(on_grid).truncate())
+    }
+
+    /// The undistorted picture, sampled bicubically (Catmull-Rom) and clipped to 0..1.
+    pub(crate) fn apply(&self, image: Image, path: &Path) -> Result<Image> {
+        if self.lens.distortion.is_zero() {
+            return Ok(image);
+        }
+        let mut data = Vec::with_capacity(self.width * self.height * 3);
+        for y in self.top..self.top + self.height {
+            for x in self.left..self.left + self.width {
+                let source = self.lens.distort_one_to_one(self.direction(x, y));
+                let source = source.ok_or_else(|| Error::LensFolds { path: path.to_path_buf(), x, y })?;
+                data.extend_from_slice(&catmull_rom(&image, source));
+            }
+        }
+        let path = || path.display().to_string();
+        Image::new(self.width, self.height, data).map_err(|source| Error::View { frame: path(), source })
+    }
+}
+
+/// What rounding may move a pixel that lies exactly on the outermost centres.
+const SLACK: f64 = 1e-9;
+
+/// The picture at a pixel position, from 4×4 pixels; beyond the border the outermost ones repeat.
+fn catmull_rom(image: &Image, position: DVec2) -> [f32; 3] {
+    let corner = (position - 0.5).floor();
+    let fraction = (position - 0.5 - corner).as_vec2();
+    let (wx, wy) = (weights(fraction.x), weights(fraction.y));
+    let tap = |base: f64, offset: usize, side: usize| {
+        (base as isize + offset as isize - 1).clamp(0, side as isize - 1) as usize
+    };
+    let columns = [0, 1, 2, 3].map(|i| tap(corner.x, i, image.width()) * 3);
+    let mut sum = [0.0; 3];
+    for (j, wy) in wy.into_iter().enumerate() {
+        let start = tap(corner.y, j, image.height()) * image.width() * 3;
+        let row = &image.data()[start..start + image.width() * 3];
+        for (column, wx) in columns.into_iter().zip(wx) {
+            for (sum, value) in sum.iter_mut().zip(&row[column..column + 3]) {
+                *sum += wx * wy * value;
+            }
+        }
+    }
+    sum.map(|value| value.clamp(0.0, 1.0))
+}
+
+/// Catmull-Rom weights of the four samples at -1, 0, 1, 2 for a position `t` in 0..1; they sum to 1.
+fn weights(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        0.5 * (-t3 + 2.0 * t2 - t),
+        0.5 * (3.0 * t3 - 5.0 * t2 + 2.0),
+        0.5 * (-3.0 * t3 + 4.0 * t2 + t),
+        0.5 * (t3 - t2),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_kernel_interpolates_and_reproduces_ramps() {
+        let ramp = (0..8 * 6).flat_map(|i| {
+            let (x, y) = ((i % 8) as f32, (i / 8) as f32);
+            [x / 10.0, y / 10.0, 0.05 * x + 0.02 * y]
+        });
+        let image = Image::new(8, 6, ramp.collect()).unwrap();
+        for (x, y) in [(2.5, 2.5), (3.1, 2.9), (5.25, 3.5)] {
+            let [r, g, b] = catmull_rom(&image, DVec2::new(x, y));
+            let (px, py) = (x as f32 - 0.5, y as f32 - 0.5);
+            for (found, expected) in [(r, px / 10.0), (g, py / 10.0), (b, 0.05 * px + 0.02 * py)] {
+                assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+            }
+        }
+        // Far outside, the corner repeats.
+        assert_eq!(catmull_rom(&image, DVec2::new(-50.0, -50.0)), image.pixel(0, 0));
+    }
+}
