@@ -1,1 +1,10 @@
-//! Pixels, depth and a camera to oriented 3D anchors.
+#![doc = include_str!("../README.md")]
+
+mod error;
+
+mod anchors;
+mod normals;
+
+pub use anchors::{Anchors, anchors};
+pub use error::{Error, Result};
+pub use normals::{NormalFit, normals};

@@ -110,7 +110,7 @@ impl ImportanceMap {
 
 /// At least one pixel, few enough that an index fits 31 bits, and a buffer that fits.
 pub(crate) fn check_size(what: &'static str, width: usize, height: usize, found: usize) -> Result<()> {
-    let expected = width.checked_mul(height).unwrap_or(usize::MAX);
+    let expected = width.saturating_mul(height);
     if expected == 0 || expected > 1 << 31 {
         return Err(Error::Size { width, height });
     }

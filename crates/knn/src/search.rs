@@ -99,17 +99,17 @@ impl<'a> Search<'a> {
         let Node { lo, hi, .. } = self.points.nodes[node];
         let block = self.block;
         let mut to_box = [0f32; LEAF];
-        for lane in 0..LEAF {
+        for (lane, to_box) in to_box.iter_mut().enumerate() {
             let gap = |q: f32, axis: usize| {
                 let (above, below) = (lo[axis] - q, q - hi[axis]);
                 positive(if above > below { above } else { below })
             };
             let (dx, dy, dz) = (gap(block.x[lane], 0), gap(block.y[lane], 1), gap(block.z[lane], 2));
-            to_box[lane] = dx * dx + dy * dy + dz * dz;
+            *to_box = dx * dx + dy * dy + dz * dz;
         }
         let mut changed = false;
-        for lane in 0..block.len {
-            if to_box[lane] <= self.bounds[lane] {
+        for (lane, &to_box) in to_box.iter().enumerate().take(block.len) {
+            if to_box <= self.bounds[lane] {
                 changed |= self.offer(lane, leaf_idx, is_own);
             }
         }
@@ -121,9 +121,9 @@ impl<'a> Search<'a> {
         let leaf = &self.points.leaves[leaf_idx];
         let (qx, qy, qz) = (self.block.x[lane], self.block.y[lane], self.block.z[lane]);
         let mut sq_distances = [0f32; LEAF];
-        for i in 0..LEAF {
+        for (i, sq_distance) in sq_distances.iter_mut().enumerate() {
             let (dx, dy, dz) = (leaf.x[i] - qx, leaf.y[i] - qy, leaf.z[i] - qz);
-            sq_distances[i] = dx * dx + dy * dy + dz * dz;
+            *sq_distance = dx * dx + dy * dy + dz * dz;
         }
         if is_own {
             sq_distances[lane] = f32::NAN;
