@@ -74,7 +74,7 @@ pub fn compare(
     if found.len() != expected.len() {
         return Err(Mismatch::Length { expected: expected.len(), found: found.len() });
     }
-    if !masked.is_empty() && expected.len() % masked.len() != 0 {
+    if !masked.is_empty() && !expected.len().is_multiple_of(masked.len()) {
         return Err(Mismatch::Length { expected: expected.len(), found: masked.len() });
     }
     for (buffer, numbers) in [("expected", &expected), ("found", &found)] {

@@ -21,7 +21,7 @@ pub struct Projected {
 
 /// Gaussian `index` of a scene as a camera sees it: EWA splatting (Zwicker et al. 2001) with the Jacobian evaluated
 /// at a direction clamped to the image and 15 % of its size around it. `None` if it is not between near and far, if a
-/// stored value is not finite, or if its quaternion is zero.
+/// stored value is not finite, if its quaternion is zero, or if its footprint overflows.
 #[must_use]
 pub fn project(gaussians: &Gaussians, index: usize, camera: &Camera, profile: &Profile) -> Option<Projected> {
     let row: Vec<f64> = gaussians.geometry()[index * 11..][..11].iter().map(|&v| f64::from(v)).collect();
@@ -78,12 +78,14 @@ pub fn project(gaussians: &Gaussians, index: usize, camera: &Camera, profile: &P
     let direction = (mean - camera.position()).normalize();
     let y = basis(direction);
     let channel = |c: usize| (0.5 + (0..k).map(|i| y[i] * sh[i * 3 + c]).sum::<f64>()).max(0.0);
-    Some(Projected {
+    let projected = Projected {
         index,
         mean: DVec2::new(lens.fx * p.x / p.z + lens.cx, lens.fy * p.y / p.z + lens.cy),
         conic,
         depth: p.z,
         rgb: [channel(0), channel(1), channel(2)],
         opacity,
-    })
+    };
+    let numbers = projected.conic.iter().chain(&projected.rgb).chain([&projected.mean.x, &projected.mean.y]);
+    numbers.copied().all(f64::is_finite).then_some(projected)
 }

@@ -39,7 +39,7 @@ mod tests {
         let (rings, sectors) = (4000, 16);
         let mut gram = [[0.0; 16]; 16];
         for ring in 0..rings {
-            let z = -1.0 + (ring as f64 + 0.5) * 2.0 / f64::from(rings);
+            let z = -1.0 + (f64::from(ring) + 0.5) * 2.0 / f64::from(rings);
             let radius = (1.0 - z * z).sqrt();
             for sector in 0..sectors {
                 let angle = f64::from(sector) * 2.0 * PI / f64::from(sectors);

@@ -155,7 +155,8 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool>(
         }
         for row in first..=last as usize {
             let dy = centres[row] - y;
-            let (linear, constant) = (splat.falloff[1] * dy, splat.falloff[2] * dy * dy);
+            // The row's middle, and what the distance of the row takes from every pixel in it.
+            let (middle, constant) = (x + splat.shear * dy, splat.falloff[1] * dy * dy + splat.log2_opacity);
             for start in (0..TILE).step_by(LANES) {
                 if right < centres[start] || left > centres[start + LANES - 1] {
                     continue;
@@ -165,14 +166,12 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool>(
                 {
                     let transmittance = lanes(&mut tile.transmittance, at);
                     for lane in 0..LANES {
-                        let dx = centres[start + lane] - x;
-                        let falloff =
-                            mul_add::<FMA>(mul_add::<FMA>(splat.falloff[0], dx, linear), dx, constant);
-                        let log2_alpha = falloff + splat.log2_opacity;
+                        let dx = centres[start + lane] - middle;
+                        let log2_alpha = mul_add::<FMA>(splat.falloff[0] * dx, dx, constant);
                         let alpha = exp2::<FMA>(log2_alpha).min(limits.alpha_max);
                         let before = transmittance[lane];
                         let after = before * (1.0 - alpha);
-                        let drawn = (falloff <= 0.0) & (log2_alpha >= limits.log2_alpha_min) & (before > 0.0);
+                        let drawn = (log2_alpha >= limits.log2_alpha_min) & (before > 0.0);
                         let last = after < limits.transmittance_min;
                         weight[lane] = if drawn & !last { before * alpha } else { 0.0 };
                         let next = if last { -before } else { after };

@@ -25,8 +25,9 @@ const BOUND_MAX: f64 = 1e15;
 pub(super) struct Splat {
     /// Centre, pixels.
     pub(super) mean: [f64; 2],
-    /// (p, q, r): in a pixel at (dx, dy) from the centre, p dx² + q dx dy + r dy² is log₂ of the falloff.
-    pub(super) falloff: [f32; 3],
+    /// (p, r): in a pixel at (dx, dy) from the centre, log₂ of the falloff is p (dx - shear dy)² + r dy². This form of
+    /// the quadratic adds terms of one sign, where p dx² + q dx dy + r dy² would cancel for needles.
+    pub(super) falloff: [f32; 2],
     /// log₂ of the opacity.
     pub(super) log2_opacity: f32,
     /// Colour.
@@ -35,7 +36,7 @@ pub(super) struct Splat {
     pub(super) depth: f32,
     /// Half width and half height of the ellipse outside which alpha is below `alpha_min`, pixels.
     pub(super) extent: [f32; 2],
-    /// dx of the middle of the ellipse's row at dy = 1.
+    /// dx of the middle of the ellipse's row at dy = 1 (its centre's is at 0).
     pub(super) shear: f32,
     /// Half width of the ellipse's row at dy = 0, pixels.
     pub(super) half_width: f32,
@@ -193,9 +194,10 @@ impl<'a> Projector<'a> {
         let extent = [(bound * a).sqrt(), (bound * c).sqrt()];
         let centre = [0, 1].map(|i| self.focal[i] * slope[i] + self.centre[i]);
         let half_width = (bound * det / c).sqrt();
-        let falloff = [c / det, -b / det, a / det];
-        let numbers =
-            [extent[0], extent[1], half_width, centre[0], centre[1], falloff[0], falloff[1], falloff[2]];
+        // The conic [A B; B C] in the form A (dx - shear dy)² + dy² / c, with A = c / det and shear = -B / A = b / c.
+        let falloff = [c / det, 1.0 / c].map(|value| -0.5 * LOG2_E * value);
+        let shear = b / c;
+        let numbers = [extent[0], extent[1], half_width, centre[0], centre[1], falloff[0], falloff[1], shear];
         if !numbers.iter().all(|value| value.is_finite()) {
             return Outcome::Rejected;
         }
@@ -211,16 +213,12 @@ impl<'a> Projector<'a> {
         }
         Outcome::Visible(Splat {
             mean: centre,
-            falloff: [
-                (-0.5 * LOG2_E * falloff[0]) as f32,
-                (-LOG2_E * falloff[1]) as f32,
-                (-0.5 * LOG2_E * falloff[2]) as f32,
-            ],
+            falloff: falloff.map(|value| value as f32),
             log2_opacity: opacity.log2() as f32,
             rgb: rgb.map(|channel| channel.max(0.0)),
             depth: p.z as f32,
             extent: extent.map(|value| value.min(BOUND_MAX) as f32),
-            shear: (b / c) as f32,
+            shear: shear as f32,
             half_width: half_width.min(BOUND_MAX) as f32,
         })
     }

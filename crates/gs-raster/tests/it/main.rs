@@ -1,0 +1,7 @@
+//! Golden cases, properties against the f64 reference, and hostile input.
+
+mod check;
+mod golden;
+mod hostile;
+mod properties;
+mod scenes;
