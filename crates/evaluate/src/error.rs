@@ -31,6 +31,30 @@ pub enum Error {
     /// A window without context views.
     #[error("the window has no context views, expected at least one")]
     NoContext,
+    /// Views cannot be selected by their overlap.
+    #[error(
+        "{}: {views} views asked for, but its {frames} frames tell no scale: photographs must be taken from more than \
+         one place",
+        path.display()
+    )]
+    OnePlace {
+        /// The data set.
+        path: PathBuf,
+        /// Frames there are.
+        frames: usize,
+        /// Views asked for.
+        views: usize,
+    },
+    /// A window that the index does not have.
+    #[error("{}: no window {key:?}, only: {known}", index.display())]
+    NoWindow {
+        /// The index file.
+        index: PathBuf,
+        /// What was asked for.
+        key: String,
+        /// The keys there are.
+        known: String,
+    },
     /// A folder without data to evaluate.
     #[error(
         "{}: no transforms.json, and no sub-folder with transforms.json and evaluation_index.json",

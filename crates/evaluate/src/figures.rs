@@ -1,5 +1,6 @@
 //! The figures of a window, and their means: over targets, then windows, then scenes.
 
+use crate::plan::scene_of;
 use serde::{Serialize, Serializer};
 use sparsesplat::{Counts, ExposureGain, StageSeconds};
 
@@ -220,10 +221,10 @@ impl WindowRow {
         Self { name, views: context.len(), context, targets, figures, spread, seeds }
     }
 
-    /// The scene: the name before the slash.
+    /// The scene: the name before the last slash.
     #[must_use]
     pub fn scene(&self) -> &str {
-        self.name.split('/').next().unwrap_or(&self.name)
+        scene_of(&self.name)
     }
 }
 
@@ -251,7 +252,20 @@ pub struct Dropped {
     pub reason: String,
 }
 
-/// The rows of scenes, and of the mean over them. Every window must have the same number of seeds.
+impl Dropped {
+    /// A window or folder that was given up, with the error and its causes as the reason.
+    #[must_use]
+    pub fn new(name: &str, error: &dyn std::error::Error) -> Self {
+        let causes = std::iter::successors(Some(error), |error| error.source());
+        let reason = causes.map(ToString::to_string).collect::<Vec<_>>().join(": ");
+        Self { name: name.to_owned(), reason }
+    }
+}
+
+/// The rows of scenes, and of the mean over them.
+///
+/// # Panics
+/// If the windows have not all the same number of seeds.
 #[must_use]
 pub fn means(windows: &[WindowRow]) -> (Vec<MeanRow>, MeanRow) {
     let n_seeds = windows.first().map_or(0, |window| window.seeds.len());

@@ -86,7 +86,7 @@ pub fn evaluate(
         match run_plan(plan, config, seeds, on_event) {
             Ok(row) => windows.push(row),
             Err(error) => {
-                let entry = Dropped { name: plan.name().to_owned(), reason: one_line(&error) };
+                let entry = Dropped::new(plan.name(), &error);
                 on_event(Event::Dropped(&entry));
                 dropped.push(entry);
             }
@@ -105,7 +105,7 @@ fn run_plan(
 ) -> crate::Result<WindowRow> {
     on_event(Event::Run { name: plan.name(), seed: seeds[0] });
     on_event(Event::Step(Step::Load));
-    let window = plan.load()?;
+    let window = plan.load(true)?;
     let mut runs = Vec::with_capacity(seeds.len());
     for (i, &seed) in seeds.iter().enumerate() {
         if i > 0 {
@@ -117,15 +117,4 @@ fn run_plan(
         runs.push(outcome.figures);
     }
     Ok(WindowRow::new(window.name, window.context_positions, window.target_positions, runs))
-}
-
-/// An error with its causes.
-fn one_line(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(inner) = cause {
-        text += &format!(": {inner}");
-        cause = inner.source();
-    }
-    text
 }

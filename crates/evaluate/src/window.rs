@@ -48,15 +48,47 @@ pub struct Outcome {
     pub renderings: Vec<Rendered>,
 }
 
+/// Reconstructs a window and renders nothing: figures that need a rendering are NaN.
+///
+/// # Errors
+/// If the views do not suffice for the settings.
+pub fn reconstruct_window(
+    window: &Window,
+    config: &Config,
+    on_step: &mut dyn FnMut(Step),
+) -> Result<Outcome> {
+    let begin = Instant::now();
+    let prediction = predict(&window.context, config, &mut |stage| on_step(Step::Predict(stage)))?;
+    let seconds = Seconds {
+        load: window.load_seconds,
+        total: window.load_seconds + begin.elapsed().as_secs_f64(),
+        ..Seconds::default()
+    };
+    let figures = Figures {
+        gaussians: prediction.counts.total as f64,
+        gaussians_shell: prediction.counts.shell as f64,
+        seconds: seconds.with_stages(&prediction.seconds),
+        ..Figures::mean(&[])
+    };
+    let figures = WindowFigures {
+        seed: config.seed,
+        figures,
+        counts: prediction.counts.clone(),
+        tau: prediction.tau,
+        depth_range: prediction.depth_range,
+        exposure: prediction.exposure.clone(),
+        per_target: Vec::new(),
+    };
+    Ok(Outcome { figures, prediction, renderings: Vec::new() })
+}
+
 /// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are compared as they
 /// are, floats clipped to 0..1, over a black background, in the common exposure: nothing is fitted to a target.
 ///
 /// # Errors
 /// If the views do not suffice for the settings, or the sizes of two pictures that are to be compared differ.
 pub fn run_window(window: &Window, config: &Config, on_step: &mut dyn FnMut(Step)) -> Result<Outcome> {
-    let begin = Instant::now();
-    let prediction = predict(&window.context, config, &mut |stage| on_step(Step::Predict(stage)))?;
-    let predict_seconds = begin.elapsed().as_secs_f64();
+    let Outcome { mut figures, prediction, .. } = reconstruct_window(window, config, on_step)?;
     let mut render_seconds = 0.0;
     let mut render_timed = |view: &View| {
         on_step(Step::Render);
@@ -65,13 +97,11 @@ pub fn run_window(window: &Window, config: &Config, on_step: &mut dyn FnMut(Step
         render_seconds += begin.elapsed().as_secs_f64();
         rendered
     };
-
-    let mut per_target = Vec::with_capacity(window.targets.len());
     let mut renderings = Vec::with_capacity(window.targets.len());
     for target in &window.targets {
         let rendered = render_timed(target)?;
         let nearest = nearest_view(target, &window.context)?;
-        per_target.push(Target {
+        figures.per_target.push(Target {
             name: target.name().to_owned(),
             psnr: compare(psnr, target, &rendered.image)?,
             ssim: compare(ssim, target, &rendered.image)?,
@@ -84,32 +114,14 @@ pub fn run_window(window: &Window, config: &Config, on_step: &mut dyn FnMut(Step
     for view in &window.context {
         context_psnr.push(compare(psnr, view, &render_timed(view)?.image)?);
     }
-
-    let seconds = Seconds {
-        load: window.load_seconds,
-        render: render_seconds,
-        total: window.load_seconds + predict_seconds + render_seconds,
-        ..Seconds::default()
-    };
-    let figures = Figures {
-        gaussians: prediction.counts.total as f64,
-        gaussians_shell: prediction.counts.shell as f64,
-        psnr_held_out: mean(per_target.iter().map(|target| target.psnr)),
-        ssim_held_out: mean(per_target.iter().map(|target| target.ssim)),
-        lpips_held_out: None,
-        psnr_all: mean(per_target.iter().map(|target| target.psnr).chain(context_psnr)),
-        psnr_nearest_view: mean(per_target.iter().map(|target| target.psnr_nearest_view)),
-        seconds: seconds.with_stages(&prediction.seconds),
-    };
-    let figures = WindowFigures {
-        seed: config.seed,
-        figures,
-        counts: prediction.counts.clone(),
-        tau: prediction.tau,
-        depth_range: prediction.depth_range,
-        exposure: prediction.exposure.clone(),
-        per_target,
-    };
+    let targets = &figures.per_target;
+    let means = &mut figures.figures;
+    means.psnr_held_out = mean(targets.iter().map(|target| target.psnr));
+    means.ssim_held_out = mean(targets.iter().map(|target| target.ssim));
+    means.psnr_all = mean(targets.iter().map(|target| target.psnr).chain(context_psnr));
+    means.psnr_nearest_view = mean(targets.iter().map(|target| target.psnr_nearest_view));
+    means.seconds.render = render_seconds;
+    means.seconds.total += render_seconds;
     Ok(Outcome { figures, prediction, renderings })
 }
 

@@ -1,2 +1,90 @@
-//! The `sparsesplat` command.
-fn main() {}
+//! The `sparsesplat` command: posed photographs in, a compact set of 3D Gaussians out, and the figures that say how good
+//! they are. The only place that prints.
+
+mod arguments;
+mod demo;
+mod doctor;
+mod eval;
+mod failure;
+mod output;
+mod progress;
+mod reconstruct;
+mod render;
+mod summary;
+
+use arguments::Common;
+use clap::{Parser, Subcommand};
+use failure::{OrFail, Outcome};
+use std::process::ExitCode;
+
+/// Posed photographs in, a compact set of 3D Gaussians out, in one pass: no training, no weights, no GPU.
+#[derive(Debug, Parser)]
+#[command(version, after_help = HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    common: Common,
+}
+
+const HELP: &str = "\
+Start here:
+  sparsesplat demo                                         everything once, nothing to download
+  sparsesplat reconstruct PHOTOS -o scene.ply              your own photographs, posed (nerfstudio)
+  sparsesplat render scene.ply --cameras PHOTOS -o out     pictures of a scene
+  sparsesplat eval --dataset nerfstudio --root PHOTOS      how good is it?
+
+Exit codes: 0 done, 1 failed at work, 2 wrong arguments or wrong input.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Demo(demo::Arguments),
+    Reconstruct(reconstruct::Arguments),
+    Render(render::Arguments),
+    Eval(eval::Arguments),
+    Doctor(doctor::Arguments),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match run(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(failure.code())
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Outcome {
+    let common = &cli.common;
+    if let Some(threads) = common.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().or_work()?;
+    }
+    if let Some(path) = &common.json {
+        output::check_file(path)?;
+    }
+    match &cli.command {
+        Command::Demo(arguments) => demo::run(arguments, common),
+        Command::Reconstruct(arguments) => reconstruct::run(arguments, common),
+        Command::Render(arguments) => render::run(arguments, common),
+        Command::Eval(arguments) => eval::run(arguments, common),
+        Command::Doctor(arguments) => doctor::run(arguments, common),
+    }
+}
+
+/// Threads that work.
+fn threads() -> usize {
+    rayon::current_num_threads()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        Cli::command().debug_assert();
+    }
+}

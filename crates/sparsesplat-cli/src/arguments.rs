@@ -1,0 +1,237 @@
+//! Arguments that several commands share, and how their values are read.
+
+use clap::{Args, ValueEnum};
+use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Head, Sampler};
+use std::path::PathBuf;
+
+/// What every command takes.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct Common {
+    /// Also write the result as JSON, with all it takes to repeat it
+    #[arg(long, value_name = "PATH", global = true)]
+    pub(crate) json: Option<PathBuf>,
+    /// Threads that work [default: one per core]
+    #[arg(long, value_name = "N", value_parser = positive, global = true)]
+    pub(crate) threads: Option<usize>,
+    /// Where to render; this build renders on the processor
+    #[arg(long, value_enum, default_value = "auto", global = true)]
+    pub(crate) device: Device,
+}
+
+/// Where to render.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Device {
+    /// The best there is
+    Auto,
+    /// The processor
+    Cpu,
+}
+
+/// Settings of the pipeline.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Reconstruction")]
+pub(crate) struct Pipeline {
+    /// How many Gaussians in all, far shell included: 40000, 40k or 1.5M
+    #[arg(long, value_name = "COUNT", value_parser = gaussians, default_value = "40k", conflicts_with = "tau")]
+    pub(crate) gaussians: usize,
+    /// Instead of a count: probability per pixel = tau x entropy / 8 bits; the far shell comes on top
+    #[arg(long, value_parser = tau)]
+    pub(crate) tau: Option<f64>,
+    /// Where depth comes from
+    #[arg(long, value_enum, default_value = "plane-sweep")]
+    pub(crate) backbone: BackboneName,
+    /// Which pixels become Gaussians
+    #[arg(long, value_enum, default_value = "entropy")]
+    pub(crate) allocation: AllocationName,
+    /// How pixels are drawn: fixed hits the count, bernoulli (the paper's) varies around it
+    #[arg(long, value_enum, default_value = "fixed")]
+    pub(crate) sampler: SamplerName,
+    /// What turns anchors into Gaussians
+    #[arg(long, value_enum, default_value = "closed-form")]
+    pub(crate) head: HeadName,
+    /// Back what no view covers by a far shell of large Gaussians
+    #[arg(long, value_name = "on|off", value_parser = on_off, default_value = "on", action = clap::ArgAction::Set)]
+    pub(crate) far_shell: bool,
+    /// Near and far plane of the stereo: estimated from the views, as the data set hints, or two depths in scene units
+    #[arg(long, value_name = "estimate|hint|NEAR,FAR", value_parser = range, default_value = "estimate")]
+    pub(crate) depth_range: Range,
+    /// Neighbours of each anchor
+    #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20)]
+    pub(crate) neighbours: usize,
+}
+
+/// `--depth-range` as given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Range {
+    /// From the views.
+    Estimate,
+    /// From the data set.
+    Hint,
+    /// Stated.
+    Known(f64, f64),
+}
+
+/// Where depth comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BackboneName {
+    /// Measured depth that comes with the data
+    GivenDepth,
+    /// Multi-view stereo
+    PlaneSweep,
+}
+
+/// Which pixels become Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AllocationName {
+    /// Where the image has much to say (the paper's)
+    Entropy,
+    /// Where it bends
+    Laplacian,
+    /// Everywhere alike
+    Random,
+    /// Every pixel; the count is not used
+    PixelAligned,
+}
+
+/// How pixels are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SamplerName {
+    /// Exact count, evenly spread
+    Fixed,
+    /// Independent draws
+    Bernoulli,
+}
+
+/// What turns anchors into Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum HeadName {
+    /// By formula from the neighbourhood; no weights
+    ClosedForm,
+}
+
+impl Pipeline {
+    /// The pipeline's configuration. `Hint` is left as `Estimate` here: only the data set can resolve it.
+    pub(crate) fn config(&self, seed: u64) -> Config {
+        Config {
+            backbone: match self.backbone {
+                BackboneName::GivenDepth => Backbone::GivenDepth,
+                BackboneName::PlaneSweep => Backbone::PlaneSweep,
+            },
+            depth_range: match self.depth_range {
+                Range::Estimate | Range::Hint => DepthRange::Estimate,
+                Range::Known(near, far) => DepthRange::Known { near, far },
+            },
+            allocation: match self.allocation {
+                AllocationName::Entropy => Allocation::Entropy,
+                AllocationName::Laplacian => Allocation::Laplacian,
+                AllocationName::Random => Allocation::Random,
+                AllocationName::PixelAligned => Allocation::PixelAligned,
+            },
+            sampler: match self.sampler {
+                SamplerName::Fixed => Sampler::Fixed,
+                SamplerName::Bernoulli => Sampler::Bernoulli,
+            },
+            budget: self.tau.map_or(Budget::Gaussians(self.gaussians), Budget::Tau),
+            neighbours: self.neighbours,
+            head: match self.head {
+                HeadName::ClosedForm => Head::ClosedForm,
+            },
+            far_shell: self.far_shell,
+            seed,
+        }
+    }
+}
+
+/// A count above 0: `40000`, `40k`, `1.5M`.
+pub(crate) fn gaussians(text: &str) -> Result<usize, String> {
+    let (digits, factor) = match text.as_bytes().last() {
+        Some(b'k' | b'K') => (&text[..text.len() - 1], 1e3),
+        Some(b'm' | b'M') => (&text[..text.len() - 1], 1e6),
+        _ => (text, 1.0),
+    };
+    let count = digits.parse::<f64>().map_or(f64::NAN, |number| (number * factor).round());
+    if (1.0..=1e9).contains(&count) {
+        Ok(count as usize)
+    } else {
+        Err("expected a count from 1 to 1000M, such as 40000, 40k or 1.5M".to_owned())
+    }
+}
+
+/// A whole number above 0.
+pub(crate) fn positive(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|&number| number > 0).ok_or_else(|| "expected a whole number above 0".to_owned())
+}
+
+fn tau(text: &str) -> Result<f64, String> {
+    let tau = text.parse().unwrap_or(f64::NAN);
+    if tau > 0.0 && tau < f64::INFINITY {
+        Ok(tau)
+    } else {
+        Err("expected a finite number above 0".to_owned())
+    }
+}
+
+fn on_off(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("expected on or off".to_owned()),
+    }
+}
+
+fn range(text: &str) -> Result<Range, String> {
+    match text {
+        "estimate" => return Ok(Range::Estimate),
+        "hint" => return Ok(Range::Hint),
+        _ => {}
+    }
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[near, far]) if 0.0 < near && near < far && far < f64::INFINITY => Ok(Range::Known(near, far)),
+        _ => Err("expected estimate, hint, or two depths NEAR,FAR with 0 < NEAR < FAR".to_owned()),
+    }
+}
+
+/// `WxH` in pixels.
+pub(crate) fn size(text: &str) -> Result<(usize, usize), String> {
+    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    sides
+        .filter(|&(w, h)| (1..=16384).contains(&w) && (1..=16384).contains(&h))
+        .ok_or_else(|| "expected WIDTHxHEIGHT in pixels, 1 to 16384 each, such as 480x320".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_have_suffixes() {
+        assert_eq!(gaussians("40000"), Ok(40_000));
+        assert_eq!(gaussians("40k"), Ok(40_000));
+        assert_eq!(gaussians("1.5M"), Ok(1_500_000));
+        assert_eq!(gaussians("0.5k"), Ok(500));
+        for bad in ["0", "", "k", "-4k", "0.2", "nan", "inf", "1e300", "40 k", "4ö"] {
+            assert!(gaussians(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn ranges_are_words_or_two_depths() {
+        assert_eq!(range("estimate"), Ok(Range::Estimate));
+        assert_eq!(range("hint"), Ok(Range::Hint));
+        assert_eq!(range("0.5,10"), Ok(Range::Known(0.5, 10.0)));
+        for bad in ["", "1", "1,2,3", "2,1", "0,1", "-1,1", "1,inf", "nan,1", "1,nan", "1,1"] {
+            assert!(range(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn other_values_name_their_rule() {
+        assert_eq!(size("480x320"), Ok((480, 320)));
+        for bad in ["480", "0x3", "3x0", "ax3", "99999x2", "x"] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        assert!(on_off("On").is_err() && tau("0").is_err() && tau("inf").is_err() && tau("nan").is_err());
+        assert!(positive("0").is_err() && positive("-1").is_err() && positive("3") == Ok(3));
+    }
+}

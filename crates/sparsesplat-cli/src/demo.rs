@@ -1,0 +1,116 @@
+//! `demo`: the main job on a simulated scene.
+
+use crate::arguments::{Common, Pipeline, Range, size};
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::progress::{Progress, describe};
+use crate::summary::{counts_line, memory_line, print, print_line, seconds_line};
+use crate::{output, threads};
+use clap::Args;
+use evaluate::{
+    Picture, PictureLimits, Recipe, Report, SIMULATED_SIZE, WindowRow, figures_table, means, peak_rss_bytes,
+    run_window, simulated_window,
+};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// The whole way once, nothing to download: simulate a scene, reconstruct it, render views it never saw
+///
+/// A courtyard is ray-traced on the fly; six of the pictures are reconstructed, five more are held out and compared with
+/// what the reconstruction shows. Writes scene.ply, images/, report.html (open it in a browser) and result.json.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sparsesplat demo\n  sparsesplat demo --gaussians 150k -o out/demo150\n  \
+                        sparsesplat demo --backbone given-depth      with the simulation's exact depth"
+)]
+pub(crate) struct Arguments {
+    /// Folder that everything is written to
+    #[arg(short, long, value_name = "DIR", default_value = "out/demo")]
+    output: PathBuf,
+    /// Size of the simulated photographs
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<(usize, usize)>,
+    /// Seed of the sampling
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    #[command(flatten)]
+    pipeline: Pipeline,
+}
+
+/// What result.json and `--json` hold.
+#[derive(Serialize)]
+struct Record<'a, C> {
+    recipe: &'a Recipe<C>,
+    #[serde(flatten)]
+    row: &'a WindowRow,
+    peak_rss_bytes: Option<u64>,
+}
+
+pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    if arguments.pipeline.depth_range == Range::Hint {
+        return Err(Failure::input(
+            "the simulated scene has no hint: --depth-range takes estimate or NEAR,FAR here",
+        ));
+    }
+    output::check_folder(&arguments.output)?;
+    let config = arguments.pipeline.config(arguments.seed);
+    let progress = Progress::new(1);
+    progress.say("ray-tracing the photographs");
+    let window = simulated_window(arguments.size.unwrap_or(SIMULATED_SIZE)).or_input()?;
+    let mut outcome =
+        run_window(&window, &config, &mut |step| progress.say(describe(step))).map_err(Failure::sorted)?;
+
+    progress.say("writing");
+    let begin = Instant::now();
+    let scene = arguments.output.join("scene.ply");
+    gs_scene::write_ply(&scene, &outcome.prediction.gaussians).or_work()?;
+    let seconds = &mut outcome.figures.figures.seconds;
+    seconds.write = begin.elapsed().as_secs_f64();
+    seconds.total += seconds.write;
+
+    let images = arguments.output.join("images");
+    for view in window.context.iter().chain(&window.targets) {
+        Picture::of_image(view.image()).save(&images.join(format!("{}.png", view.name()))).or_work()?;
+    }
+    for (view, rendered) in window.targets.iter().zip(&outcome.renderings) {
+        let name = view.name();
+        Picture::of_image(&rendered.image).save(&images.join(format!("{name}-rendered.png"))).or_work()?;
+        Picture::of_error(view.image(), &rendered.image)
+            .save(&images.join(format!("{name}-error.png")))
+            .or_work()?;
+    }
+
+    let peak = peak_rss_bytes();
+    let recipe = Recipe::of_this_run(config.seed, threads(), &config);
+    let row = WindowRow::new(
+        window.name.clone(),
+        window.context_positions.clone(),
+        window.target_positions.clone(),
+        vec![outcome.figures.clone()],
+    );
+    let mut report = Report::new(
+        "SparseSplat demo",
+        "A simulated courtyard: six photographs in, a compact set of 3D Gaussians out, shown from views that the method \
+         never saw.",
+    );
+    report.headline(&row.figures, peak);
+    report.window(&window, &outcome, PictureLimits::ONE_WINDOW).or_work()?;
+    let page = arguments.output.join("report.html");
+    output::write_text(&page, &report.to_html(&output::to_json(&recipe)?))?;
+    let record = Record { recipe: &recipe, row: &row, peak_rss_bytes: peak };
+    output::write_json(&arguments.output.join("result.json"), &record)?;
+    if let Some(path) = &common.json {
+        output::write_json(path, &record)?;
+    }
+    drop(progress);
+
+    let rows = [row];
+    let (scenes, mean) = means(&rows);
+    print(&figures_table(&rows, &scenes, &mean, true).to_text());
+    print_line(&counts_line(&outcome.figures));
+    print_line(&seconds_line(&outcome.figures));
+    print_line(&memory_line(peak));
+    print_line(&format!("scene      {}", scene.display()));
+    print_line(&format!("report     {}", page.display()));
+    Ok(())
+}

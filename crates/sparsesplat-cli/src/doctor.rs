@@ -1,0 +1,131 @@
+//! `doctor`: what this machine offers, and whether the renderer computes what it should.
+
+use crate::arguments::Common;
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::summary::print_line;
+use crate::{output, threads};
+use clap::Args;
+use evaluate::{Machine, Recipe, render_view};
+use gs_scene::{Camera, Gaussians, Intrinsics, dc_from_rgb, logit};
+use serde::Serialize;
+
+/// What this machine offers, what this build can do, and a self-test
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record {
+    recipe: Recipe<()>,
+    simd: Vec<&'static str>,
+    gpu: Option<&'static str>,
+    self_test_error: f32,
+    passed: bool,
+}
+
+/// Largest deviation of a channel from its closed form that passes.
+const TOLERANCE: f32 = 1e-5;
+
+pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
+    let Machine { os, arch, cpu, cores, memory_bytes } = Machine::this();
+    let error = self_test()?;
+    let passed = error <= TOLERANCE;
+    let simd = simd();
+    let simd_text =
+        if simd.is_empty() { "none that this build looks for".to_owned() } else { simd.join(", ") };
+    let memory = memory_bytes.map_or("unknown".to_owned(), |bytes| format!("{:.1} GB", bytes as f64 / 1e9));
+    let verdict = if passed { "passed" } else { "FAILED" };
+    for line in [
+        format!("version    sparsesplat {}", env!("CARGO_PKG_VERSION")),
+        format!("system     {os} {arch}"),
+        format!(
+            "processor  {}, {cores} cores, {} threads work",
+            cpu.as_deref().unwrap_or("unknown"),
+            threads()
+        ),
+        format!("SIMD       {simd_text}"),
+        format!("memory     {memory}"),
+        "GPU        not in this build yet: everything runs on the processor".to_owned(),
+        "weights    none needed: the closed-form head has none".to_owned(),
+        "data       none needed for `demo`; other commands take folders by their path".to_owned(),
+        format!(
+            "self-test  {verdict}: a rendered scene is off its closed form by {error:.1e}, {TOLERANCE:.0e} allowed"
+        ),
+    ] {
+        print_line(&line);
+    }
+    if let Some(path) = &common.json {
+        let recipe = Recipe::of_this_run(0, threads(), ());
+        output::write_json(path, &Record { recipe, simd, gpu: None, self_test_error: error, passed })?;
+    }
+    if passed {
+        Ok(())
+    } else {
+        Err(Failure::work("the renderer does not compute what it should on this machine"))
+    }
+}
+
+/// What the processor has of the instruction sets that inner loops are compiled for.
+fn simd() -> Vec<&'static str> {
+    #[cfg(any(target_arch = "x86_64", target_arch = "x86"))]
+    {
+        let levels = [
+            ("sse4.2", std::arch::is_x86_feature_detected!("sse4.2")),
+            ("avx2", std::arch::is_x86_feature_detected!("avx2")),
+            ("fma", std::arch::is_x86_feature_detected!("fma")),
+            ("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
+        ];
+        levels.into_iter().filter_map(|(name, there)| there.then_some(name)).collect()
+    }
+    #[cfg(target_arch = "aarch64")]
+    {
+        vec!["neon"]
+    }
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "x86", target_arch = "aarch64")))]
+    {
+        Vec::new()
+    }
+}
+
+/// Colours of the test scene along the middle row, from its centre: red, blue. On the optical axis a footprint is a
+/// circle of variance (f σ / z)² + 0.3 square pixels, so these follow from 0.6 exp(-d²/8.6) over 0.9 exp(-d²/32.6).
+const EXPECTED: [(usize, [f32; 2]); 3] =
+    [(0, [0.6, 0.36]), (3, [0.210_696_36, 0.539_000_75]), (6, [0.009_123_77, 0.295_578_55])];
+
+/// Renders two Gaussians on the optical axis, and returns by how much the colours miss their closed form.
+fn self_test() -> Outcome<f32> {
+    let lens = Intrinsics { fx: 20.0, fy: 20.0, cx: 8.5, cy: 8.5, width: 17, height: 17 };
+    let camera = Camera::looking_at(lens, glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::NEG_Y).or_work()?;
+    let mut scene = Gaussians::empty(0).or_work()?;
+    for (z, sigma, opacity, rgb) in [(5.0, 1.0_f32, 0.9, [0.0, 0.0, 1.0]), (4.0, 0.4, 0.6, [1.0, 0.0, 0.0])] {
+        let log_scale = [sigma.ln(); 3];
+        scene.push([0.0, 0.0, z], [1.0, 0.0, 0.0, 0.0], log_scale, logit(opacity), &dc_from_rgb(rgb));
+    }
+    let image = render_view(&scene, &camera).or_work()?.image;
+    let miss = EXPECTED.iter().flat_map(|&(d, [red, blue])| {
+        let [r, g, b] = image.pixel(8 + d, 8);
+        [(r - red).abs(), g.abs(), (b - blue).abs()]
+    });
+    // A NaN must not pass: `f32::max` would drop it.
+    Ok(miss.fold(0.0, |worst, error| if error <= worst { worst } else { error }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_expected_colours_follow_from_the_formula() {
+        for (d, [red, blue]) in EXPECTED {
+            let square = (d * d) as f64;
+            let (near, far) = (0.6 * (-square / 8.6).exp(), 0.9 * (-square / 32.6).exp());
+            assert!((near - f64::from(red)).abs() < 1e-6, "{d}: {near}");
+            assert!(((1.0 - near) * far - f64::from(blue)).abs() < 1e-6, "{d}: {}", (1.0 - near) * far);
+        }
+    }
+
+    #[test]
+    fn the_renderer_passes() {
+        assert!(self_test().unwrap() <= TOLERANCE);
+    }
+}

@@ -1,0 +1,154 @@
+//! `eval`: tables of figures on data sets.
+
+use crate::arguments::{Common, Pipeline, Range, positive, size};
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::progress::{Progress, describe};
+use crate::summary::{print, print_line};
+use crate::{output, threads};
+use clap::{Args, ValueEnum};
+use evaluate::{
+    Evaluation, Event, PictureLimits, Plan, Reading, Recipe, Report, SIMULATED_SIZE, evaluate, figures_table,
+    peak_rss_bytes,
+};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Tables: PSNR, SSIM, Gaussians and time, per scene and on the mean
+///
+/// Every window is reconstructed from its context views and measured on its held-out targets. Windows come from an index
+/// file (pixelSplat's layout, keys scene/window); a folder without one is evaluated on views chosen by their overlap.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    sparsesplat eval --dataset simulated\n  \
+    sparsesplat eval --dataset nerfstudio --root data/fox --index data/fox/evaluation_index.json --json fox.json\n  \
+    sparsesplat eval --dataset nerfstudio --root data --seeds 0,1,2 --report report.html\n\n\
+    With several scenes below --root, every sub-folder with transforms.json and evaluation_index.json is taken.\n\
+    A window that fails is listed as dropped, and the exit code is 1.")]
+pub(crate) struct Arguments {
+    /// Layout of the data
+    #[arg(long, value_enum)]
+    dataset: Dataset,
+    /// Folder of a scene, or of several
+    #[arg(long, value_name = "DIR", required_if_eq("dataset", "nerfstudio"))]
+    root: Option<PathBuf>,
+    /// Context and target views of each window [default: evaluation_index.json beside transforms.json, if there is one]
+    #[arg(long, value_name = "FILE", requires = "root")]
+    index: Option<PathBuf>,
+    /// Context views where there is no index
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6)]
+    views: usize,
+    /// Scale and crop photographs to this size [default: as they lie on disk]
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<(usize, usize)>,
+    /// Seeds of the sampling; with several the table shows mean and spread
+    #[arg(long, value_delimiter = ',', default_value = "0")]
+    seeds: Vec<u64>,
+    /// Also write a page with pictures
+    #[arg(long, value_name = "PATH")]
+    report: Option<PathBuf>,
+    /// Print the table as Markdown
+    #[arg(long)]
+    markdown: bool,
+    #[command(flatten)]
+    pipeline: Pipeline,
+}
+
+/// Layout of the data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Dataset {
+    /// transforms.json and photographs
+    Nerfstudio,
+    /// The scene of the demo
+    Simulated,
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record<'a, C> {
+    recipe: &'a Recipe<C>,
+    #[serde(flatten)]
+    evaluation: &'a Evaluation,
+    peak_rss_bytes: Option<u64>,
+}
+
+pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    if let Some(path) = &arguments.report {
+        output::check_file(path)?;
+    }
+    let mut seeds = arguments.seeds.clone();
+    seeds.dedup();
+    let reading = Reading { size: arguments.size, depth_hint: arguments.pipeline.depth_range == Range::Hint };
+    let (plans, unread) = match (arguments.dataset, &arguments.root, &arguments.index) {
+        (Dataset::Simulated, ..) if reading.depth_hint => {
+            return Err(Failure::input(
+                "the simulated scene has no hint: --depth-range takes estimate or NEAR,FAR here",
+            ));
+        }
+        (Dataset::Simulated, ..) => {
+            (vec![Plan::simulated(arguments.size.unwrap_or(SIMULATED_SIZE))], Vec::new())
+        }
+        (Dataset::Nerfstudio, None, _) => {
+            return Err(Failure::input("--dataset nerfstudio needs --root DIR"));
+        }
+        (Dataset::Nerfstudio, Some(root), Some(index)) => Plan::windows(root, index, reading).or_input()?,
+        (Dataset::Nerfstudio, Some(root), None) => Plan::below(root, arguments.views, reading).or_input()?,
+    };
+
+    let config = arguments.pipeline.config(seeds[0]);
+    let limits = PictureLimits::for_windows(plans.len());
+    let mut report = Report::new("SparseSplat evaluation", evaluate::PROTOCOL);
+    let mut problem = None;
+    let progress = Progress::new(plans.len() * seeds.len());
+    let mut running = String::new();
+    let mut evaluation = evaluate(&plans, &config, &seeds, &mut |event| match event {
+        Event::Run { name, seed } => running = format!("{name} (seed {seed})"),
+        Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
+        Event::Done { window, outcome } => {
+            progress.step();
+            if arguments.report.is_some() && outcome.figures.seed == seeds[0] {
+                problem = report.window(window, outcome, limits).err().or(problem.take());
+            }
+        }
+        Event::Dropped(dropped) => progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason)),
+        _ => {}
+    });
+    for dropped in &unread {
+        progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
+    }
+    evaluation.dropped.extend(unread);
+    drop(progress);
+    if let Some(problem) = problem {
+        return Err(problem).or_work();
+    }
+
+    let table = figures_table(&evaluation.windows, &evaluation.scenes, &evaluation.mean, true);
+    print(&if arguments.markdown { table.to_markdown() } else { table.to_text() });
+    let peak = peak_rss_bytes();
+    let recipe = Recipe::of_this_run(seeds[0], threads(), Settings { seeds: &seeds, pipeline: &config });
+    if let Some(path) = &common.json {
+        output::write_json(path, &Record { recipe: &recipe, evaluation: &evaluation, peak_rss_bytes: peak })?;
+    }
+    if let Some(path) = &arguments.report {
+        report.headline(&evaluation.mean.figures, peak);
+        if !evaluation.dropped.is_empty() {
+            let names: Vec<&str> = evaluation.dropped.iter().map(|dropped| dropped.name.as_str()).collect();
+            report.warning(&format!("Dropped, and not in the means: {}", names.join(", ")));
+        }
+        report
+            .table(&table, "PSNR in dB and SSIM of held-out targets; gain over the nearest photograph in dB");
+        output::write_text(path, &report.to_html(&output::to_json(&recipe)?))?;
+        print_line(&format!("report     {}", path.display()));
+    }
+    match evaluation.dropped.len() {
+        0 => Ok(()),
+        n => Err(Failure::work(format!("{n} windows or scenes were dropped and are not in the means"))),
+    }
+}
+
+/// The settings in the recipe.
+#[derive(Serialize)]
+struct Settings<'a> {
+    seeds: &'a [u64],
+    #[serde(flatten)]
+    pipeline: &'a sparsesplat::Config,
+}

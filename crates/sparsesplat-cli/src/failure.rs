@@ -1,0 +1,69 @@
+//! How a command can fail, and the exit code that says so.
+
+use std::fmt::Display;
+
+/// Why a command gave up.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// The arguments or the files that were given are wrong: exit code 2.
+    Input(anyhow::Error),
+    /// Something went wrong at work: exit code 1.
+    Work(anyhow::Error),
+}
+
+/// What a command returns.
+pub(crate) type Outcome<T = ()> = Result<T, Failure>;
+
+impl Failure {
+    /// Wrong input, by a rule of the command itself.
+    pub(crate) fn input(rule: impl Display) -> Self {
+        Self::Input(anyhow::anyhow!("{rule}"))
+    }
+
+    /// Work that failed, by a rule of the command itself.
+    pub(crate) fn work(rule: impl Display) -> Self {
+        Self::Work(anyhow::anyhow!("{rule}"))
+    }
+
+    /// Data that cannot be read and views that do not suffice are the caller's to mend, the rest is ours.
+    pub(crate) fn sorted(error: evaluate::Error) -> Self {
+        match error {
+            evaluate::Error::Data(_) | evaluate::Error::Predict(_) => Self::Input(error.into()),
+            _ => Self::Work(error.into()),
+        }
+    }
+
+    /// The exit code.
+    pub(crate) fn code(&self) -> u8 {
+        match self {
+            Self::Input(_) => 2,
+            Self::Work(_) => 1,
+        }
+    }
+}
+
+/// The error with its causes, on one line.
+impl Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (Self::Input(error) | Self::Work(error)) = self;
+        write!(f, "{}", format!("{error:#}").replace('\n', " "))
+    }
+}
+
+/// Sorts an error into one of the two kinds.
+pub(crate) trait OrFail<T> {
+    /// The caller gave something wrong.
+    fn or_input(self) -> Outcome<T>;
+    /// The work failed.
+    fn or_work(self) -> Outcome<T>;
+}
+
+impl<T, E: Into<anyhow::Error>> OrFail<T> for Result<T, E> {
+    fn or_input(self) -> Outcome<T> {
+        self.map_err(|error| Failure::Input(error.into()))
+    }
+
+    fn or_work(self) -> Outcome<T> {
+        self.map_err(|error| Failure::Work(error.into()))
+    }
+}

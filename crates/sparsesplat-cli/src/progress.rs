@@ -1,0 +1,67 @@
+//! Progress on standard error, where it is a terminal.
+
+use evaluate::Step;
+use indicatif::{ProgressBar, ProgressStyle};
+use sparsesplat::Stage;
+use std::io::IsTerminal;
+use std::time::Duration;
+
+/// A line that says what is being done; nothing at all where standard error is not a terminal.
+pub(crate) struct Progress(ProgressBar);
+
+impl Progress {
+    /// A line for `steps` steps; with one step only what is being done is shown.
+    pub(crate) fn new(steps: usize) -> Self {
+        if !std::io::stderr().is_terminal() {
+            return Self(ProgressBar::hidden());
+        }
+        let bar = ProgressBar::new(steps as u64);
+        let template = if steps > 1 {
+            "{spinner} [{elapsed_precise}] {wide_bar} {pos}/{len} {msg}"
+        } else {
+            "{spinner} [{elapsed_precise}] {msg}"
+        };
+        // A template that does not parse would be a slip in the line above; the default bar does as well.
+        bar.set_style(
+            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
+        );
+        bar.enable_steady_tick(Duration::from_millis(120));
+        Self(bar)
+    }
+
+    /// What is being done now.
+    pub(crate) fn say(&self, what: impl Into<String>) {
+        self.0.set_message(what.into());
+    }
+
+    /// Something that must not be overlooked, on a line of its own; said without a terminal, too.
+    pub(crate) fn warn(&self, what: &str) {
+        self.0.suspend(|| eprintln!("warning: {what}"));
+    }
+
+    /// One step is done.
+    pub(crate) fn step(&self) {
+        self.0.inc(1);
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
+
+/// What a step does, for people.
+pub(crate) fn describe(step: Step) -> &'static str {
+    match step {
+        Step::Load => "reading photographs",
+        Step::Predict(Stage::Backbone) => "estimating depth",
+        Step::Predict(Stage::Exposure) => "levelling exposure",
+        Step::Predict(Stage::Sampling) => "choosing pixels",
+        Step::Predict(Stage::Backproject) => "placing anchors",
+        Step::Predict(Stage::Knn) => "finding neighbours",
+        Step::Predict(Stage::Head | Stage::Decode) => "making Gaussians",
+        Step::Render => "rendering",
+        _ => "working",
+    }
+}

@@ -1,0 +1,128 @@
+//! `reconstruct`: posed photographs to a scene.
+
+use crate::arguments::{Common, Pipeline, Range, positive, size};
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::progress::{Progress, describe};
+use crate::summary::{counts_line, memory_line, print_line, seconds_line};
+use crate::{output, threads};
+use clap::Args;
+use evaluate::{
+    Choice, PictureLimits, Plan, Reading, Recipe, Report, Step, WindowFigures, peak_rss_bytes,
+    reconstruct_window, run_window,
+};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Posed photographs to a 3D Gaussian scene
+///
+/// INPUT is a folder with transforms.json (nerfstudio) or that file. A connected set of views that covers as much of the
+/// scene as it can is chosen from its frames, or the views of a window of an index file are taken.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    sparsesplat reconstruct data/fox -o fox.ply\n  \
+    sparsesplat reconstruct data/fox --views 8 --gaussians 150k -o fox.ply --report fox.html\n  \
+    sparsesplat reconstruct data/fox --index data/fox/evaluation_index.json --window fox/1 -o fox.ply\n  \
+    sparsesplat reconstruct data/kitchen --backbone given-depth --tau 0.3 -o kitchen.ply")]
+pub(crate) struct Arguments {
+    /// Folder with transforms.json and photographs
+    input: PathBuf,
+    /// The scene to write: PLY in the layout of 3D Gaussian splatting
+    #[arg(short, long, value_name = "PLY")]
+    output: PathBuf,
+    /// How many photographs to use
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6, conflicts_with = "index")]
+    views: usize,
+    /// Take the context views of a window of this index file instead
+    #[arg(long, value_name = "FILE", requires = "window")]
+    index: Option<PathBuf>,
+    /// The window: its key in the index file, scene/window
+    #[arg(long, value_name = "KEY", requires = "index")]
+    window: Option<String>,
+    /// Scale and crop photographs to this size [default: as they lie on disk]
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<(usize, usize)>,
+    /// Seed of the sampling
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Also measure held-out views (those between the chosen ones, or the window's targets) and write a page with pictures
+    #[arg(long, value_name = "PATH")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    pipeline: Pipeline,
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record<'a, C> {
+    recipe: &'a Recipe<C>,
+    name: &'a str,
+    views: usize,
+    choice: Option<&'a Choice>,
+    #[serde(flatten)]
+    figures: &'a WindowFigures,
+    peak_rss_bytes: Option<u64>,
+}
+
+pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    output::check_file(&arguments.output)?;
+    if let Some(path) = &arguments.report {
+        output::check_file(path)?;
+    }
+    let reading = Reading { size: arguments.size, depth_hint: arguments.pipeline.depth_range == Range::Hint };
+    let plan = match (&arguments.index, &arguments.window) {
+        (Some(index), Some(key)) => Plan::window(&arguments.input, index, key, reading),
+        _ => Plan::selection(&arguments.input, arguments.views, reading),
+    }
+    .or_input()?;
+    let mut config = arguments.pipeline.config(arguments.seed);
+    config.depth_range = plan.depth_range(config.depth_range);
+
+    let progress = Progress::new(1);
+    progress.say(describe(Step::Load));
+    let window = plan.load(arguments.report.is_some()).or_input()?;
+    let work = if arguments.report.is_some() { run_window } else { reconstruct_window };
+    let mut outcome =
+        work(&window, &config, &mut |step| progress.say(describe(step))).map_err(Failure::sorted)?;
+    progress.say("writing");
+    let begin = Instant::now();
+    gs_scene::write_ply(&arguments.output, &outcome.prediction.gaussians).or_work()?;
+    let seconds = &mut outcome.figures.figures.seconds;
+    seconds.write = begin.elapsed().as_secs_f64();
+    seconds.total += seconds.write;
+
+    let peak = peak_rss_bytes();
+    let recipe = Recipe::of_this_run(config.seed, threads(), &config);
+    if let Some(path) = &arguments.report {
+        let mut report = Report::new(&window.name, "Posed photographs in, 3D Gaussians out.");
+        report.headline(&outcome.figures.figures, peak);
+        report.window(&window, &outcome, PictureLimits::ONE_WINDOW).or_work()?;
+        output::write_text(path, &report.to_html(&output::to_json(&recipe)?))?;
+    }
+    if let Some(path) = &common.json {
+        let record = Record {
+            recipe: &recipe,
+            name: &window.name,
+            views: window.context.len(),
+            choice: plan.choice(),
+            figures: &outcome.figures,
+            peak_rss_bytes: peak,
+        };
+        output::write_json(path, &record)?;
+    }
+    drop(progress);
+
+    let names: Vec<&str> = window.context.iter().map(|view| view.name()).collect();
+    print_line(&format!("views      {}: {}", names.len(), names.join(", ")));
+    if let Some(uncovered) = plan.choice().and_then(|choice| choice.uncovered) {
+        print_line(&format!("coverage   {:.0} % of the frames are left uncovered", 100.0 * uncovered));
+    }
+    print_line(&counts_line(&outcome.figures));
+    print_line(&seconds_line(&outcome.figures));
+    print_line(&memory_line(peak));
+    print_line(&format!("scene      {}", arguments.output.display()));
+    if let Some(path) = &arguments.report {
+        print_line(&format!("report     {}", path.display()));
+    }
+    Ok(())
+}

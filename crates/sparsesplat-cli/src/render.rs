@@ -1,0 +1,143 @@
+//! `render`: a scene to pictures.
+
+use crate::arguments::{Common, size};
+use crate::failure::{OrFail, Outcome};
+use crate::progress::Progress;
+use crate::summary::{memory_line, print_line};
+use crate::{output, threads};
+use clap::Args;
+use evaluate::{DepthScale, Picture, Recipe, Rendered, count, peak_rss_bytes, render_view};
+use gs_scene::{Camera, Intrinsics};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// A scene to pictures: colour, opacity and depth from given cameras
+///
+/// Writes NAME.png, NAME-alpha.png and NAME-depth.png for every camera (near is light, far is dark, one scale for all).
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  sparsesplat render scene.ply --cameras data/fox -o out/fox\n  \
+                        sparsesplat render scene.ply --cameras data/fox --positions 0,7,20 --size 960x540 -o out/fox")]
+pub(crate) struct Arguments {
+    /// The scene: a PLY file in the layout of 3D Gaussian splatting
+    scene: PathBuf,
+    /// Where to look from: a folder with transforms.json (its photographs are not read)
+    #[arg(long, value_name = "INPUT")]
+    cameras: PathBuf,
+    /// Folder for the pictures
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Positions in the list of frames, from 0 [default: all]
+    #[arg(long, value_name = "I,J,...", value_delimiter = ',')]
+    positions: Vec<usize>,
+    /// Size of the pictures [default: as the photographs]
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<(usize, usize)>,
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record {
+    recipe: Recipe<()>,
+    gaussians: usize,
+    views: Vec<ViewRecord>,
+    peak_rss_bytes: Option<u64>,
+}
+
+#[derive(Serialize)]
+struct ViewRecord {
+    name: String,
+    width: usize,
+    height: usize,
+    seconds: f64,
+    files: [PathBuf; 3],
+}
+
+pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    let gaussians = gs_scene::read_ply(&arguments.scene).or_input()?;
+    let cameras = cameras(arguments)?;
+    output::check_folder(&arguments.output)?;
+    let progress = Progress::new(cameras.len());
+    let mut rendered: Vec<(Rendered, f64)> = Vec::with_capacity(cameras.len());
+    for (name, camera) in &cameras {
+        progress.say(name.as_str());
+        let begin = Instant::now();
+        let view = render_view(&gaussians, camera).or_work()?;
+        rendered.push((view, begin.elapsed().as_secs_f64()));
+        progress.step();
+    }
+    let scale = DepthScale::of(rendered.iter().map(|(view, _)| view.depth.as_slice()));
+    let mut views = Vec::with_capacity(cameras.len());
+    for ((name, camera), (view, seconds)) in cameras.iter().zip(&rendered) {
+        let (width, height) = (camera.width(), camera.height());
+        let files = ["", "-alpha", "-depth"].map(|kind| arguments.output.join(format!("{name}{kind}.png")));
+        Picture::of_image(&view.image).save(&files[0]).or_work()?;
+        Picture::of_mask(width, height, &view.alpha).save(&files[1]).or_work()?;
+        Picture::of_depth(width, height, &view.depth, scale).save(&files[2]).or_work()?;
+        views.push(ViewRecord { name: name.clone(), width, height, seconds: *seconds, files });
+    }
+    drop(progress);
+    let peak = peak_rss_bytes();
+    let total: f64 = rendered.iter().map(|(_, seconds)| seconds).sum();
+    print_line(&format!("{} views of {} Gaussians", views.len(), count(gaussians.len() as f64)));
+    print_line(&format!("seconds    {total:.2}, {:.4} a view", total / views.len() as f64));
+    print_line(&memory_line(peak));
+    print_line(&format!("pictures   {}", arguments.output.display()));
+    if let Some(path) = &common.json {
+        let recipe = Recipe::of_this_run(0, threads(), ());
+        output::write_json(
+            path,
+            &Record { recipe, gaussians: gaussians.len(), views, peak_rss_bytes: peak },
+        )?;
+    }
+    Ok(())
+}
+
+/// Names and cameras to look from.
+fn cameras(arguments: &Arguments) -> Outcome<Vec<(String, Camera)>> {
+    let dataset = view_data::open_nerfstudio(&arguments.cameras).or_input()?;
+    let all: Vec<usize> = (0..dataset.frames.len()).collect();
+    let positions = if arguments.positions.is_empty() { &all } else { &arguments.positions };
+    let camera = |&position: &usize| {
+        let frame = dataset.frame(position).or_input()?;
+        let camera = frame.camera().or_input()?;
+        let camera = match arguments.size {
+            Some(size) => covering(&camera, size).or_input()?,
+            None => camera,
+        };
+        Ok((frame.name.clone(), camera))
+    };
+    positions.iter().map(camera).collect()
+}
+
+/// The camera scaled until it covers a size, and cut to it around its centre, as photographs are.
+fn covering(camera: &Camera, (width, height): (usize, usize)) -> gs_scene::Result<Camera> {
+    let old = *camera.intrinsics();
+    let scale = (width as f64 / old.width as f64).max(height as f64 / old.height as f64);
+    let shift =
+        |centre: f64, new: usize, old: usize| centre * scale + 0.5 * (new as f64 - old as f64 * scale);
+    camera.with_intrinsics(Intrinsics {
+        fx: old.fx * scale,
+        fy: old.fy * scale,
+        cx: shift(old.cx, width, old.width),
+        cy: shift(old.cy, height, old.height),
+        width,
+        height,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec2, DVec3};
+
+    #[test]
+    fn another_size_keeps_the_middle_of_the_view() {
+        let lens = Intrinsics { fx: 100.0, fy: 90.0, cx: 30.0, cy: 20.0, width: 60, height: 40 };
+        let camera = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let wide = covering(&camera, (240, 80)).unwrap();
+        // Four times as large, 160 rows cut to 80.
+        assert_eq!(wide.project(DVec3::Z), Some(DVec2::new(120.0, 40.0)));
+        assert_eq!(wide.intrinsics().fy, 360.0);
+    }
+}
