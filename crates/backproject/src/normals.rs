@@ -42,8 +42,7 @@ pub fn normals(depth: &DepthMap, camera: &Camera, fit: NormalFit) -> Result<Vec<
     if window.is_multiple_of(2) || !(3..=31).contains(&window) {
         return Err(Error::WindowSize { found: window });
     }
-    // Phrased so that NaN fails.
-    if !(max_relative_step > 0.0) {
+    if max_relative_step.is_nan() || max_relative_step <= 0.0 {
         return Err(Error::RelativeStep { found: max_relative_step });
     }
     let (width, intrinsics) = (depth.width(), camera.intrinsics());

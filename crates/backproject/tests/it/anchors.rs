@@ -34,7 +34,7 @@ proptest! {
 }
 
 fn camera() -> Camera {
-    Camera::new(LENS, DMat3::IDENTITY, DVec3::ZERO).unwrap()
+    Camera::new(LENS, DMat3::IDENTITY, DVec3::ZERO).expect("a valid camera")
 }
 
 #[test]

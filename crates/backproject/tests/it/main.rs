@@ -16,7 +16,7 @@ fn any_camera() -> impl Strategy<Value = Camera> {
     let angles = prop::array::uniform3(-3.0..3.0f64);
     (angles, prop::array::uniform3(-1e4..1e4f64)).prop_map(|(angles, translation)| {
         let rotation = DMat3::from_euler(glam::EulerRot::XYZ, angles[0], angles[1], angles[2]);
-        Camera::new(LENS, rotation, DVec3::from(translation)).unwrap()
+        Camera::new(LENS, rotation, DVec3::from(translation)).expect("a valid camera")
     })
 }
 
@@ -25,5 +25,5 @@ fn depth_map(intrinsics: Intrinsics, depth: impl Fn(DVec3) -> f64) -> DepthMap {
     let Intrinsics { width, height, .. } = intrinsics;
     let centre = |i: usize| glam::DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
     let data = (0..width * height).map(|i| depth(intrinsics.ray(centre(i))) as f32).collect();
-    DepthMap::new(width, height, data).unwrap()
+    DepthMap::new(width, height, data).expect("sizes fit")
 }

@@ -5,11 +5,11 @@ use gs_scene::{Camera, DepthMap, Intrinsics};
 use proptest::prelude::*;
 
 fn camera() -> Camera {
-    Camera::new(LENS, DMat3::IDENTITY, DVec3::ZERO).unwrap()
+    Camera::new(LENS, DMat3::IDENTITY, DVec3::ZERO).expect("a valid camera")
 }
 
 fn default_normals(depth: &DepthMap, camera: &Camera) -> Vec<DVec3> {
-    let found = normals(depth, camera, NormalFit::default()).unwrap();
+    let found = normals(depth, camera, NormalFit::default()).expect("sizes fit");
     found.into_iter().map(|n| Vec3::from(n).as_dvec3()).collect()
 }
 

@@ -50,9 +50,9 @@ fn views() -> impl Strategy<Value = Vec<ImportanceMap>> {
             width * height,
         ));
         (values, weights).prop_map(move |(values, weights)| {
-            let map = ImportanceMap::new(width, height, values).unwrap();
+            let map = ImportanceMap::new(width, height, values).expect("in 0..1");
             match weights {
-                Some(weights) => map.with_weights(weights).unwrap(),
+                Some(weights) => map.with_weights(weights).expect("in 0..1"),
                 None => map,
             }
         })

@@ -1,7 +1,7 @@
 use entropy_sampler::{Budget, ImportanceMap, Probability, Sampler, sample, solve};
 
 fn map(width: usize, height: usize, values: &[f32]) -> ImportanceMap {
-    ImportanceMap::new(width, height, values.to_vec()).unwrap()
+    ImportanceMap::new(width, height, values.to_vec()).expect("in 0..1")
 }
 
 #[test]
