@@ -46,7 +46,8 @@ impl Field<'_> {
         let width = self.image.width();
         let rgb = &self.image.data()[(y * width + x) * 3..][..3];
         let colour: f32 = (0..3).map(|c| (rgb[c] - cell.colour[c]).powi(2)).sum();
-        let depth = (self.inverse_depth[y * width + x] - cell.inverse_depth) / (DEPTH_SCALE * cell.inverse_depth);
+        let depth =
+            (self.inverse_depth[y * width + x] - cell.inverse_depth) / (DEPTH_SCALE * cell.inverse_depth);
         (dx * dx + dy * dy) / cell.area + colour / (COLOUR_SCALE * COLOUR_SCALE) + depth * depth
     }
 

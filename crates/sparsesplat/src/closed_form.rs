@@ -48,7 +48,13 @@ fn eigen(a: f64, b: f64, c: f64) -> (f64, [f64; 2]) {
 }
 
 /// Appends the Gaussian of a cell: a disc on the surface's tangent plane whose picture has the cell's moments.
-pub(crate) fn push(gaussians: &mut Gaussians, camera: &Camera, surface: &Surface, cell: &Cell, opacity_of_area: f32) {
+pub(crate) fn push(
+    gaussians: &mut Gaussians,
+    camera: &Camera,
+    surface: &Surface,
+    cell: &Cell,
+    opacity_of_area: f32,
+) {
     let lens = camera.intrinsics();
     let to_world = camera.rotation().transpose();
     let direction = to_world * lens.ray(surface.pixel);

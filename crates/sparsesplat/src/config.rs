@@ -1,3 +1,5 @@
+use depth_backbone::DepthRange;
+use entropy_sampler::Sampler;
 use serde::{Deserialize, Serialize};
 
 /// Everything that decides what [`crate::predict`] makes of a set of views.
@@ -50,21 +52,6 @@ pub enum Backbone {
     PlaneSweep,
 }
 
-/// Near and far plane of the stereo sweep.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DepthRange {
-    /// From the poses and sparse matches between the views.
-    Estimate,
-    /// From what is known of the scene: z-depths, scene units, that hold nearly all of it.
-    Known {
-        /// Depth that 0.5 % of the scene is nearer than.
-        near: f64,
-        /// Depth that 0.5 % of the scene is farther than.
-        far: f64,
-    },
-}
-
 /// Which pixels become Gaussians (the paper's sampling ablation, and the pixel-aligned baseline).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -77,16 +64,6 @@ pub enum Allocation {
     Random,
     /// Every pixel: one Gaussian each; the budget is not used.
     PixelAligned,
-}
-
-/// How pixels are drawn from the probability map.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Sampler {
-    /// Same marginal probabilities, exact count, evenly spread.
-    Fixed,
-    /// Independent draws, the paper's: the count varies around the budget.
-    Bernoulli,
 }
 
 /// How many Gaussians.

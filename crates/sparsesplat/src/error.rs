@@ -8,6 +8,12 @@ pub enum Error {
     /// A map or Gaussian that does not fit.
     #[error(transparent)]
     Scene(#[from] gs_scene::Error),
+    /// No pixels to choose, or a setting of the sampler out of range.
+    #[error(transparent)]
+    Sampling(#[from] entropy_sampler::Error),
+    /// Pixels that cannot be lifted.
+    #[error(transparent)]
+    Backproject(#[from] backproject::Error),
     /// A budget of nothing.
     #[error("budget is 0 Gaussians, expected at least 1")]
     EmptyBudget,

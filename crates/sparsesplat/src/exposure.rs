@@ -25,7 +25,13 @@ struct Overlap {
 }
 
 /// Luma of both views at points that both see at the same depth.
-fn common_points(views: &[View], geometry: &[ViewGeometry], luma: &[Vec<f32>], a: usize, b: usize) -> Vec<[f64; 2]> {
+fn common_points(
+    views: &[View],
+    geometry: &[ViewGeometry],
+    luma: &[Vec<f32>],
+    a: usize,
+    b: usize,
+) -> Vec<[f64; 2]> {
     let (from, to) = (views[a].camera(), views[b].camera());
     let mut pairs = Vec::new();
     for y in (STRIDE / 2..from.height()).step_by(STRIDE) {
@@ -107,8 +113,9 @@ fn solve(n_views: usize, overlaps: &[Overlap]) -> Vec<[f64; 2]> {
 /// Gain and bias per view, mean gain 1 and mean bias 0; exactly (1, 0) for all if the views do not noticeably differ.
 pub(crate) fn equalise(views: &[View], geometry: &[ViewGeometry]) -> Vec<ExposureGain> {
     let luma: Vec<Vec<f32>> = views.par_iter().map(|view| view.image().luma()).collect();
-    let pairs: Vec<[usize; 2]> =
-        (0..views.len()).flat_map(|a| (0..views.len()).filter(move |&b| b != a).map(move |b| [a, b])).collect();
+    let pairs: Vec<[usize; 2]> = (0..views.len())
+        .flat_map(|a| (0..views.len()).filter(move |&b| b != a).map(move |b| [a, b]))
+        .collect();
     let overlaps: Vec<Overlap> = pairs
         .par_iter()
         .filter_map(|&[a, b]| summarise([a, b], common_points(views, geometry, &luma, a, b)))

@@ -49,6 +49,8 @@ pub enum Stage {
     Backbone,
     /// Exposure of the views to each other.
     Exposure,
+    /// The far shell.
+    Shell,
     /// Probability maps and chosen pixels.
     Sampling,
     /// Pixels to anchors.
@@ -57,7 +59,7 @@ pub enum Stage {
     Knn,
     /// Attributes of anchors.
     Head,
-    /// Attributes to Gaussians, and the far shell.
+    /// Attributes to one set of Gaussians.
     Decode,
 }
 
@@ -68,6 +70,8 @@ pub struct StageSeconds {
     pub backbone: f64,
     /// Exposure of the views to each other.
     pub exposure: f64,
+    /// The far shell.
+    pub shell: f64,
     /// Probability maps and chosen pixels.
     pub sampling: f64,
     /// Pixels to anchors.
@@ -76,6 +80,6 @@ pub struct StageSeconds {
     pub knn: f64,
     /// Attributes of anchors.
     pub head: f64,
-    /// Attributes to Gaussians, and the far shell.
+    /// Attributes to one set of Gaussians.
     pub decode: f64,
 }

@@ -58,8 +58,8 @@ fn mean_colour(image: &Image, x: f64, y: f64, cell: f64) -> [f32; 3] {
 }
 
 /// The shell of all views at z-depth `far`, at most its share of `budget`; none if not even one cell per view fits.
-pub(crate) fn shell(views: &[View], far: f64, budget: usize, sh_degree: usize) -> gs_scene::Result<Gaussians> {
-    let mut shell = Gaussians::empty(sh_degree)?;
+pub(crate) fn shell(views: &[View], far: f64, budget: usize) -> gs_scene::Result<Gaussians> {
+    let mut shell = Gaussians::empty(0)?;
     let Some(cell) = cell_size(views, budget) else { return Ok(shell) };
     for view in views {
         let (camera, image) = (view.camera(), view.image());
@@ -76,16 +76,15 @@ pub(crate) fn shell(views: &[View], far: f64, budget: usize, sh_degree: usize) -
                 let place = |i: usize, n: usize, length: usize| {
                     length as f64 / 2.0 + (i as f64 + 0.5 - n as f64 / 2.0) * cell
                 };
-                let pixel = DVec2::new(place(column, columns, image.width()), place(row, rows, image.height()));
+                let pixel =
+                    DVec2::new(place(column, columns, image.width()), place(row, rows, image.height()));
                 let colour = mean_colour(image, pixel.x, pixel.y, cell);
-                let mut sh = vec![0.0; gs_scene::sh_coefficients(sh_degree) * 3];
-                sh[..3].copy_from_slice(&dc_from_rgb(colour));
                 shell.push(
                     camera.unproject(pixel, depth).as_vec3().to_array(),
                     [rotation.w as f32, rotation.x as f32, rotation.y as f32, rotation.z as f32],
                     [scale(lens.fx).ln(), scale(lens.fy).ln(), thin.ln()],
                     logit(OPACITY),
-                    &sh,
+                    &dc_from_rgb(colour),
                 );
             }
         }
