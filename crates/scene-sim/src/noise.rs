@@ -23,8 +23,8 @@ pub(crate) fn unit(bits: u32) -> f64 {
     f64::from(bits) * 2f64.powi(-32)
 }
 
-/// The largest integer up to `x`, as lattice index and as number. (`f64::floor` is a library call on x86-64 without
-/// SSE 4.1, and takes a third of the time of the noise.)
+/// The largest integer up to `x`, as lattice index and as number. (`f64::floor` is a library call on x86-64
+/// without SSE 4.1, and takes a third of the time of the noise.)
 fn floor(x: f64) -> (i64, f64) {
     let truncated = x as i64;
     let index = truncated - i64::from((truncated as f64) > x);
@@ -56,8 +56,9 @@ pub(crate) fn value(p: DVec3, seed: u32) -> f64 {
     mix(plane(0), plane(1), w.z)
 }
 
-/// Sum of `octaves` of value noise, the first with wavelength 1, each next one with half the wavelength and half the
-/// amplitude; in 0..1, mean 1/2. Octaves finer than what samples `width` apart can show fade to their mean.
+/// Sum of `octaves` of value noise, the first with wavelength 1, each next one with half the wavelength and
+/// half the amplitude; in 0..1, mean 1/2. Octaves finer than what samples `width` apart can show fade to
+/// their mean.
 pub(crate) fn octaves(mut p: DVec3, octaves: u32, width: f64, seed: u32) -> f64 {
     let (mut sum, mut amplitude, mut total, mut wavelength) = (0.0, 1.0, 0.0, 1.0);
     for octave in 0..octaves {

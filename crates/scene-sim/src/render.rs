@@ -25,8 +25,8 @@ impl Add for RayCounts {
     }
 }
 
-/// Renders a view: colour as the mean of `samples_per_pixel` stratified samples (a square number is best), and z-depth
-/// of the surface at each pixel's centre, 0 where there is only sky.
+/// Renders a view: colour as the mean of `samples_per_pixel` stratified samples (a square number is best),
+/// and z-depth of the surface at each pixel's centre, 0 where there is only sky.
 ///
 /// The same arguments give the same bits, on any number of threads.
 ///
@@ -126,7 +126,8 @@ impl<'a> Renderer<'a> {
             let within = (stratum + jitter) / DVec2::new(f64::from(columns), f64::from(rows));
             rays.primary += 1;
             let ray = self.ray(DVec2::new(x as f64, y as f64) + within);
-            // Clipped per sample: a bright surface behind an edge must not outshine it (the display cannot show it).
+            // Clipped per sample: a bright surface behind an edge must not outshine it (the display cannot
+            // show it).
             sum += self.light(&ray, rays).min(Vec3::ONE);
         }
         sum / (columns * rows) as f32

@@ -3,7 +3,8 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// A colour as people pick it: sRGB-encoded red, green and blue in 0..1. Light is computed on the linear values.
+/// A colour as people pick it: sRGB-encoded red, green and blue in 0..1. Light is computed on the linear
+/// values.
 pub type Rgb = [f32; 3];
 
 /// Solid things under a sun and a sky. Lengths are metres, angles degrees, and the world's z axis points up.
@@ -36,8 +37,8 @@ pub struct Primitive {
     pub material: Material,
 }
 
-/// The form of a primitive in its own axes, centred on the origin. A form without area (a sphere of radius 0) is
-/// allowed: it is dropped and counted when the scene is made ready for tracing.
+/// The form of a primitive in its own axes, centred on the origin. A form without area (a sphere of radius 0)
+/// is allowed: it is dropped and counted when the scene is made ready for tracing.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Shape {
@@ -165,7 +166,7 @@ pub struct Sky {
     pub horizon: Rgb,
     /// Colour below the horizon.
     pub ground: Rgb,
-    /// What surfaces receive from all sides, as a multiple of the background's own brightness: a surface that looks up
-    /// gets the mean of zenith and horizon, one that looks down the ground's colour.
+    /// What surfaces receive from all sides, as a multiple of the background's own brightness: a surface that
+    /// looks up gets the mean of zenith and horizon, one that looks down the ground's colour.
     pub light: f32,
 }

@@ -1,5 +1,5 @@
-//! Intersections of rays with the shapes, in f64 and in the shape's own axes. Every shape is convex: a ray is inside it
-//! for one interval of its parameter.
+//! Intersections of rays with the shapes, in f64 and in the shape's own axes. Every shape is convex: a ray is
+//! inside it for one interval of its parameter.
 
 use crate::Shape;
 use glam::{DVec2, DVec3};
@@ -40,7 +40,8 @@ fn meet(a: (f64, f64), b: (f64, f64)) -> Option<(f64, f64)> {
     (enter <= leave).then_some((enter, leave))
 }
 
-/// Where a ray is inside a ball (or, with the z components set to 0, inside an endless cylinder) around the origin.
+/// Where a ray is inside a ball (or, with the z components set to 0, inside an endless cylinder) around the
+/// origin.
 fn ball(o: DVec3, d: DVec3, radius: f64) -> Option<(f64, f64)> {
     let a = d.length_squared();
     let distance = o.length();
@@ -49,7 +50,8 @@ fn ball(o: DVec3, d: DVec3, radius: f64) -> Option<(f64, f64)> {
         return (c <= 0.0).then_some((f64::NEG_INFINITY, f64::INFINITY));
     }
     let b = o.dot(d);
-    // The discriminant from the part of `o` that is perpendicular to the ray: no cancellation for far origins.
+    // The discriminant from the part of `o` that is perpendicular to the ray: no cancellation for far
+    // origins.
     let across = o - d * (b / a);
     let nearest = across.length();
     let chord = a * (radius - nearest) * (radius + nearest);
@@ -77,7 +79,8 @@ impl Shape {
         }
     }
 
-    /// Whether there is nothing to be seen of it: at most one of its extents may be 0, and none of a sphere's.
+    /// Whether there is nothing to be seen of it: at most one of its extents may be 0, and none of a
+    /// sphere's.
     pub(crate) fn is_degenerate(&self) -> bool {
         self.half().to_array().into_iter().filter(|half| *half == 0.0).count() >= 2
     }
@@ -135,8 +138,8 @@ impl Shape {
         SurfacePoint { position, normal, face: Face::Flat { axis, positive } }
     }
 
-    /// Texture coordinates of a point on (or next to) a face, and the extent of that face, metres: u to the right and v
-    /// upwards for one who looks at the face from outside, (0, 0) in its lower left corner.
+    /// Texture coordinates of a point on (or next to) a face, and the extent of that face, metres: u to the
+    /// right and v upwards for one who looks at the face from outside, (0, 0) in its lower left corner.
     pub(crate) fn texture_coordinates(&self, face: Face, p: DVec3) -> (DVec2, DVec2) {
         let half = self.half();
         match face {

@@ -5,7 +5,8 @@ use crate::shape::SurfacePoint;
 use crate::{Material, Pattern, Rgb, Shape};
 use glam::{DVec2, DVec3, Vec3};
 
-/// The part of a surface that one sample stands for: a parallelogram around a point, by its two edges, metres.
+/// The part of a surface that one sample stands for: a parallelogram around a point, by its two edges,
+/// metres.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Footprint {
     pub(crate) across: DVec3,
@@ -137,7 +138,8 @@ fn colour(pattern: &Pattern, shape: &Shape, point: &SurfacePoint, width: f64, se
 
 /// Planks along x, 1.5 % of their width apart; grain stretched along them.
 fn wood(p: DVec3, light: Rgb, dark: Rgb, plank: f64, width: f64, seed: u32) -> Vec3 {
-    let across = p.y / plank + 0.5;
+    // Both the faces along xy and those along xz show planks.
+    let across = (p.y + p.z) / plank + 0.5;
     let index = cell(across);
     let in_plank = across - across.floor();
     if !(0.015..=0.985).contains(&in_plank) {
@@ -159,8 +161,8 @@ enum Stroke {
     Accent(f64),
 }
 
-/// What is printed at a point of a page: a margin of one line, a heading three lines high with a bar below it, text with
-/// paragraphs, and a picture in the lower right.
+/// What is printed at a point of a page: a margin of one line, a heading three lines high with a bar below
+/// it, text with paragraphs, and a picture in the lower right.
 fn print(uv: DVec2, extent: DVec2, line: f64, seed: u32) -> Stroke {
     // From here on in lines, from the top left corner of the text area.
     let size = extent / line - DVec2::splat(2.0);
@@ -179,7 +181,8 @@ fn print(uv: DVec2, extent: DVec2, line: f64, seed: u32) -> Stroke {
         return image(picture, seed);
     }
     let row = p.y.floor() - 3.0;
-    // Every sixth line is empty, the last one is whole, and no line but those beside the picture has the same length.
+    // Every sixth line is empty, the last one is whole, and no line but those beside the picture has the same
+    // length.
     let beside = size.y * 0.55 - 1.0 < p.y;
     let room = if beside { size.x * 0.47 } else { size.x };
     let length = room * (0.75 + 0.25 * unit(hash(cell(row), 5, 3, seed)));

@@ -1,8 +1,9 @@
 //! A scene made ready for rays.
 //!
-//! The hierarchy (obvhs, f32) only decides which shapes a ray is tested against; the tests themselves are in f64. The
-//! hierarchy lives in a frame of its own, in which the scene is the unit ball around the origin: there the rounding of
-//! every f32 number has one bound, whatever the scene's place and scale, and the boxes are grown by more than that bound.
+//! The hierarchy (obvhs, f32) only decides which shapes a ray is tested against; the tests themselves are in
+//! f64. The hierarchy lives in a frame of its own, in which the scene is the unit ball around the origin:
+//! there the rounding of every f32 number has one bound, whatever the scene's place and scale, and the boxes
+//! are grown by more than that bound.
 
 use crate::check::check;
 use crate::shape::SurfacePoint;
@@ -15,10 +16,11 @@ use obvhs::ray::{Ray, RayHit};
 use obvhs::{Boundable, BvhBuildParams};
 use std::time::Duration;
 
-/// How far the boxes of the hierarchy are grown, in radii of the scene: about thirty times the rounding of coordinates,
-/// quantised boxes and slab tests in f32 (each a few times 2^-24).
+/// How far the boxes of the hierarchy are grown, in radii of the scene: about thirty times the rounding of
+/// coordinates, quantised boxes and slab tests in f32 (each a few times 2^-24).
 const MARGIN: f64 = 4e-6;
-/// How far before its start a ray begins in the hierarchy, in radii: obvhs skips boxes that end within 1e-4 of the start.
+/// How far before its start a ray begins in the hierarchy, in radii: obvhs skips boxes that end within 1e-4
+/// of the start.
 const RUN_UP: f64 = 1e-3;
 /// Shadow rays start this many units of rounding above the surface: the hit point is exact to about eight.
 const OFFSET_ULPS: f64 = 64.0;
@@ -156,10 +158,12 @@ impl Body {
 }
 
 impl Traced {
-    /// Checks a scene and makes it ready for rays. Primitives without area are dropped, see [`Traced::dropped`].
+    /// Checks a scene and makes it ready for rays. Primitives without area are dropped, see
+    /// [`Traced::dropped`].
     ///
     /// # Errors
-    /// If a number of the description is not finite or out of its range; the error names the primitive and the field.
+    /// If a number of the description is not finite or out of its range; the error names the primitive and
+    /// the field.
     pub fn new(scene: &Scene) -> Result<Self> {
         check(scene)?;
         let (mut bodies, mut dropped) = (Vec::new(), Vec::new());
@@ -231,8 +235,8 @@ impl Traced {
         world - self.centre
     }
 
-    /// The part of a ray inside the scene, in the unit frame of the hierarchy; with what turns a ray parameter into a
-    /// parameter there. `None` if the ray misses the scene.
+    /// The part of a ray inside the scene, in the unit frame of the hierarchy; with what turns a ray
+    /// parameter into a parameter there. `None` if the ray misses the scene.
     fn enter(&self, ray: &PathRay) -> Option<(Ray, impl Fn(f64) -> f32)> {
         let length = ray.direction.length();
         let shrink = self.radius.recip();

@@ -46,7 +46,8 @@ impl Trajectory {
         }
     }
 
-    /// `count` cameras at equal distances from one end of the path to the other (one camera stands in its middle).
+    /// `count` cameras at equal distances from one end of the path to the other (one camera stands in its
+    /// middle).
     ///
     /// # Errors
     /// If a number of the path is not finite, or a camera would stand in, above or below its target.

@@ -3,8 +3,8 @@ use glam::{DVec2, DVec3};
 use gs_scene::Camera;
 use scene_sim::{Pattern, Primitive, Shape, Traced, render_counted};
 
-/// Compares every pixel's depth with that of the nearest positive `t` that `expected` gives for a world ray whose
-/// parameter is the z-depth.
+/// Compares every pixel's depth with that of the nearest positive `t` that `expected` gives for a world ray
+/// whose parameter is the z-depth.
 fn check(primitive: Primitive, camera: &Camera, expected: impl Fn(DVec3, DVec3) -> Option<f64>) {
     let found = view(&scene(vec![primitive], None), camera);
     let mut hits = 0;

@@ -1,5 +1,8 @@
 //! What a user of the crate may rely on.
 
+// clippy.toml allows it in test functions; these helpers serve nothing else.
+#![allow(clippy::unwrap_used)]
+
 /// Depth against closed forms, at the origin and far from it, and scenes at the edge of what is allowed.
 mod depth;
 /// Descriptions that are wrong, and the error each of them gets.

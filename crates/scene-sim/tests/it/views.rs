@@ -1,14 +1,12 @@
 use super::depth;
 use glam::DVec2;
 use gs_scene::View;
-use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
-
-const SIZE: (usize, usize) = (240, 160);
+use scene_sim::{Traced, demo_cameras, demo_scene, render_view, varied_cameras, varied_scene};
 
 /// The demonstration's cameras in the order of the walk.
 fn walk() -> Vec<View> {
     let traced = Traced::new(&demo_scene()).unwrap();
-    let (context, held_out) = demo_cameras(SIZE.0, SIZE.1).unwrap();
+    let (context, held_out) = demo_cameras(240, 160).unwrap();
     assert_eq!((context.len(), held_out.len()), (6, 5));
     let mut cameras = context.clone();
     for (index, camera) in held_out.iter().enumerate() {
@@ -21,7 +19,8 @@ fn walk() -> Vec<View> {
 fn bilinear(view: &View, pixel: DVec2) -> Option<[f32; 3]> {
     let p = pixel - DVec2::splat(0.5);
     let (x, y) = (p.x.floor(), p.y.floor());
-    if x < 0.0 || y < 0.0 || x + 2.0 > SIZE.0 as f64 || y + 2.0 > SIZE.1 as f64 {
+    let (width, height) = (view.camera().width() as f64, view.camera().height() as f64);
+    if x < 0.0 || y < 0.0 || x + 2.0 > width || y + 2.0 > height {
         return None;
     }
     let (fx, fy) = ((p.x - x) as f32, (p.y - y) as f32);
@@ -33,15 +32,17 @@ fn bilinear(view: &View, pixel: DVec2) -> Option<[f32; 3]> {
     }))
 }
 
-/// Share of `a` that `b` sees too, and the mean colour difference there, if depths were `stretch` times what they are.
+/// Share of `a` that `b` sees too, and the mean colour difference there, if depths were `stretch` times what
+/// they are.
 fn compare(a: &View, b: &View, stretch: f64) -> (f64, f64) {
     let (mut seen, mut sum) = (0, 0.0);
+    let width = a.camera().width();
     for (i, &z) in depth(a).data().iter().enumerate().filter(|(_, z)| **z > 0.0) {
-        let (x, y) = (i % SIZE.0, i / SIZE.0);
+        let (x, y) = (i % width, i / width);
         let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
         let world = a.camera().unproject(pixel, f64::from(z));
         let Some(target) = b.camera().project(world).filter(|p| b.camera().contains(*p)) else { continue };
-        let there = depth(b).data()[target.y as usize * SIZE.0 + target.x as usize];
+        let there = depth(b).data()[target.y as usize * width + target.x as usize];
         let expected = b.camera().to_camera(world).z;
         if (f64::from(there) - expected).abs() > 0.02 * expected {
             continue;
@@ -77,4 +78,28 @@ fn neighbouring_views_share_most_of_what_they_show_and_agree_by_depth() {
 #[test]
 fn nothing_of_the_demonstration_is_dropped() {
     assert!(Traced::new(&demo_scene()).unwrap().dropped().is_empty());
+}
+
+#[test]
+fn varied_scenes_are_different_sound_and_fit_for_stereo() {
+    for seed in [0, 1, 2, 3, 5, 8, 13, 1 << 40] {
+        let scene = varied_scene(seed);
+        assert_eq!(scene, varied_scene(seed));
+        assert_ne!(scene, varied_scene(seed + 1));
+        let traced = Traced::new(&scene).unwrap();
+        assert!(traced.dropped().is_empty());
+        let cameras = varied_cameras(seed, 120, 80, 5).unwrap();
+        let render = |camera| render_view(&traced, camera, 4, "view", 0).unwrap();
+        let views: Vec<View> = cameras.iter().map(render).collect();
+        for pair in views.windows(2) {
+            let (shared, _) = compare(&pair[0], &pair[1], 1.0);
+            assert!(shared > 0.7, "seed {seed}: neighbours share only {shared:.2}");
+        }
+        for view in &views {
+            let depths = depth(view).data().iter().copied().filter(|d| *d > 0.0);
+            let (near, far) = depths.fold((f32::MAX, 0f32), |(n, f), d| (n.min(d), f.max(d)));
+            assert!(near > 0.8 && far > 1.5 * near, "seed {seed}: depths {near} to {far}");
+            assert!(depth(view).coverage() > 0.5, "seed {seed}");
+        }
+    }
 }
