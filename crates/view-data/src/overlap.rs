@@ -13,24 +13,36 @@ pub(crate) const POINTS: usize = GRID * GRID * DEPTHS;
 /// Cosine of the largest angle between two rays to a point that still show the same surface: 60 degrees.
 const MIN_COS: f64 = 0.5;
 
-/// For every pair of views, how many of the [`POINTS`] points of one the other sees.
+/// Thousandths; a distance of 0 is the same view, 1 shares nothing or is one median depth away, 3 is the largest.
+const DISTANCE_UNIT: f64 = 1000.0;
+
+/// What every view sees of every other one.
 pub(crate) struct Overlaps {
     count: usize,
-    /// `[viewer, viewed]`.
+    /// `[viewer, viewed]`: how many of the viewed one's [`POINTS`] points the viewer sees.
     seen: Vec<u8>,
+    /// `[viewer, viewed]`, in units of 1 / [`DISTANCE_UNIT`].
+    distances: Vec<u16>,
 }
 
 impl Overlaps {
     /// Counts for all pairs, in parallel over the viewers. `depth` has been checked.
     pub(crate) fn new(cameras: &[Camera], depth: SceneDepth) -> Self {
         let between = |a: f64, b: f64| 2.0 / (1.0 / a + 1.0 / b);
-        let depths =
-            [between(depth.near, depth.median), depth.median, between(depth.median, depth.far)];
+        let depths = [between(depth.near, depth.median), depth.median, between(depth.median, depth.far)];
         let contents: Vec<Content> = cameras.iter().map(|camera| Content::new(camera, depths)).collect();
+        let contents = &contents;
         let rows = cameras.par_iter().flat_map_iter(|viewer| {
-            contents.iter().map(move |content| content.seen_by(viewer))
+            let position = viewer.position();
+            contents.iter().map(move |content| {
+                let seen = content.seen_by(viewer);
+                let unseen = 1.0 - f64::from(seen) / POINTS as f64;
+                let apart = (content.position.distance(position) / depth.median).min(2.0);
+                (seen, ((unseen + apart) * DISTANCE_UNIT) as u16)
+            })
         });
-        Self { count: cameras.len(), seen: rows.collect() }
+        let (seen, distances) = rows.unzip();
+        Self { count: cameras.len(), seen, distances }
     }
 
     /// Number of views.
@@ -41,6 +53,12 @@ impl Overlaps {
     /// For each view, how many of its points the view `viewer` sees.
     pub(crate) fn seen_by(&self, viewer: usize) -> &[u8] {
         &self.seen[viewer * self.count..(viewer + 1) * self.count]
+    }
+
+    /// For each view, how far it is from the view `viewer`: the share of its points that `viewer` does not see plus
+    /// the distance of the centres in median depths, up to 2.
+    pub(crate) fn distances(&self, viewer: usize) -> &[u16] {
+        &self.distances[viewer * self.count..(viewer + 1) * self.count]
     }
 }
 

@@ -37,11 +37,13 @@ impl SceneDepth {
 ///
 /// Where the viewing axes converge, the point nearest to all of them (least squares) is taken for the middle of
 /// the scene, and its median depth over the cameras for the median; where they are nearly parallel, or diverge as
-/// in a room seen from its middle, the median is ten times the median distance from a camera to its nearest
-/// neighbour, which is how people walk. Near is 0.4 and far 2 times the median.
+/// in a room seen from its middle, the median is twice the spread of the positions (root mean square distance from
+/// their mean), or 30 steps from camera to nearest camera if that is less, as on a long walk. Near is 0.4 and far
+/// 2 times the median.
 ///
 /// This is good enough to tell which views overlap. It knows nothing of the pictures: a camera that circles a
-/// bush in front of a wall gives the bush. Stereo needs a range estimated from matches.
+/// bush in front of a wall gives the bush. On real captures the median is mostly right within a factor of 2, at
+/// worst 3. Stereo needs a range estimated from matches.
 #[must_use]
 pub fn estimate_scene_depth(cameras: &[Camera]) -> Option<SceneDepth> {
     if cameras.len() < 2 {
@@ -54,8 +56,10 @@ pub fn estimate_scene_depth(cameras: &[Camera]) -> Option<SceneDepth> {
 /// Near and far as multiples of the median. Scenes differ more than this in both directions.
 const NEAR: f64 = 0.4;
 const FAR: f64 = 2.0;
-/// Median depth over the distance to the nearest camera: a step of a tenth of the depth turns a point by 6 degrees.
-const DEPTH_PER_STEP: f64 = 10.0;
+/// Median depth over the spread of the positions: 1.3 to 6 in real captures, mostly 1.5 to 3.
+const DEPTH_PER_SPREAD: f64 = 2.0;
+/// Median depth over the distance to the nearest camera, at most: real captures have 4 to 28.
+const MAX_DEPTH_PER_STEP: f64 = 30.0;
 /// Least angle, about, by which the axes must converge for their meeting point to mean something: 10 degrees.
 const MIN_CONVERGENCE: f64 = 0.17;
 /// Least share of cameras that must have the meeting point in front.
@@ -103,7 +107,7 @@ fn smallest_eigenvalue(matrix: &DMat3) -> f64 {
     vector.dot(*matrix * vector)
 }
 
-/// Median depth from the spacing of the cameras.
+/// Median depth from the positions of the cameras.
 fn spacing_depth(cameras: &[Camera]) -> Option<f64> {
     let positions: Vec<DVec3> = cameras.iter().map(Camera::position).collect();
     let nearest = |(i, &from): (usize, &DVec3)| {
@@ -111,7 +115,12 @@ fn spacing_depth(cameras: &[Camera]) -> Option<f64> {
         others.map(|(_, to)| from.distance(*to)).filter(|&distance| distance > 0.0).reduce(f64::min)
     };
     let mut steps: Vec<f64> = positions.iter().enumerate().filter_map(nearest).collect();
-    median(&mut steps).map(|step| DEPTH_PER_STEP * step).filter(|depth| depth.is_finite())
+    let step = median(&mut steps)?;
+    let count = positions.len() as f64;
+    let mean = positions.iter().sum::<DVec3>() / count;
+    let spread = (positions.iter().map(|position| position.distance_squared(mean)).sum::<f64>() / count).sqrt();
+    let depth = (DEPTH_PER_SPREAD * spread).min(MAX_DEPTH_PER_STEP * step);
+    depth.is_finite().then_some(depth)
 }
 
 fn median(values: &mut [f64]) -> Option<f64> {

@@ -4,6 +4,7 @@ use crate::overlap::{Overlaps, POINTS};
 use crate::{Error, Result, SceneDepth};
 use gs_scene::Camera;
 use rayon::prelude::*;
+use std::cmp::Reverse;
 
 /// Chosen views, as positions in the list of cameras.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,14 +20,16 @@ pub struct Selection {
 
 /// Chooses `n` connected context views that cover as many frames as that allows.
 ///
-/// *Content* of a view are 3 depths (between near, median and far, evenly in inverse depth) on a 6×6 grid of its pixels;
-/// another view *shares* the points that it sees in its image, in front of it and from a direction at most 60
-/// degrees apart. Occlusion is not known here. Two views are *connected* if each shares at least half of the other's
-/// content; a frame is *covered* if one chosen view shares at least half of its content.
+/// *Content* of a view are 3 depths (between near, median and far, evenly in inverse depth) on a 6×6 grid of its
+/// pixels; another view *shares* the points that it sees in its image, in front of it and from a direction at most 60
+/// degrees apart. Occlusion is not known here. A frame is *covered* if one chosen view shares at least half of its
+/// content, and a covered frame is what may be chosen next; the first two views cover each other. So every chosen
+/// view shares at least half of its content with another chosen one.
 ///
-/// From every frame as a start, the connected frame that covers most frames is added until there are `n`; equal ones
-/// are decided by the sum over all frames of their largest share, then by the lower position. The best result of
-/// all starts is kept. Deterministic; quadratic in the number of frames.
+/// From every frame as a start, the covered frame that makes most frames covered is added until there are `n`. Equal
+/// ones are decided by how far all frames are from the nearest chosen view (the sum over frames of the share not seen
+/// plus the distance of the centres in median depths), which spreads the views, then by the lower position. The best
+/// result of all starts is kept. Deterministic; quadratic in the number of frames.
 ///
 /// # Errors
 /// If `n` is 0 or more than the number of cameras, no `n` frames are connected (the error says how many are), or
@@ -40,120 +43,86 @@ pub fn select_views(cameras: &[Camera], n: usize, depth: SceneDepth) -> Result<S
     }
     depth.check()?;
     let overlaps = Overlaps::new(cameras, depth);
-    let components = component_sizes(&overlaps);
-    let connected = components.iter().copied().max().unwrap_or(0);
-    if connected < n {
-        return Err(Error::Disconnected { wanted: n, connected });
+    // Most views first; a later start must be better, not equal.
+    let grown = (0..cameras.len()).into_par_iter().map(|start| {
+        let grown = Grown::from(&overlaps, start, n);
+        let score = grown.score_with(&overlaps, start);
+        ((grown.chosen.len(), score, Reverse(start)), grown.chosen)
+    });
+    let best = grown.reduce_with(|a, b| if b.0 > a.0 { b } else { a });
+    let ((_, score, _), mut context) = best.expect("n is at least 1, so there is a camera");
+    if context.len() < n {
+        return Err(Error::Disconnected { wanted: n, connected: context.len() });
     }
-    let starts: Vec<usize> = (0..cameras.len()).filter(|&start| components[start] >= n).collect();
-    let best = starts.par_iter().map(|&start| grow(&overlaps, start, n));
-    // Later starts must be better, not equal: `max_by_key` would keep the last of equal ones.
-    let best = best.reduce_with(|a, b| if (b.score, a.start) > (a.score, b.start) { b } else { a });
-    let best = best.expect("a component of at least n frames has a start");
-    let mut context = best.chosen;
     context.sort_unstable();
     Ok(Selection {
         targets: targets_between(cameras, &overlaps, &context),
         context,
-        uncovered: 1.0 - best.score.covered as f64 / cameras.len() as f64,
+        uncovered: 1.0 - f64::from(score.covered) / cameras.len() as f64,
     })
 }
 
 /// Number of points that make half of a view's content.
 const HALF: u8 = (POINTS / 2) as u8;
 
-fn connected(overlaps: &Overlaps, a: usize, b: usize) -> bool {
-    a != b && overlaps.seen_by(b)[a] >= HALF && overlaps.seen_by(a)[b] >= HALF
-}
-
-/// Size of the connected component of each frame.
-fn component_sizes(overlaps: &Overlaps) -> Vec<usize> {
-    let count = overlaps.len();
-    let mut sizes = vec![0; count];
-    for start in 0..count {
-        if sizes[start] > 0 {
-            continue;
-        }
-        let mut members = vec![start];
-        let mut is_member = vec![false; count];
-        is_member[start] = true;
-        let mut next = 0;
-        while let Some(&member) = members.get(next) {
-            next += 1;
-            for other in 0..count {
-                if !is_member[other] && connected(overlaps, member, other) {
-                    is_member[other] = true;
-                    members.push(other);
-                }
-            }
-        }
-        for &member in &members {
-            sizes[member] = members.len();
-        }
-    }
-    sizes
-}
-
 /// What a set of views is worth; compared field by field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Score {
     /// Frames with at least half of their content in one chosen view.
     covered: u32,
-    /// Sum over all frames of the largest number of points in one chosen view.
-    shared: u32,
+    /// Sum over all frames of the distance to the nearest chosen view, [`Overlaps::distances`].
+    distance: Reverse<u32>,
 }
 
+/// A connected set of views, in the order in which they were added.
 struct Grown {
-    start: usize,
     chosen: Vec<usize>,
-    score: Score,
+    /// Per frame: the largest number of its points that one chosen view sees.
+    seen: Vec<u8>,
+    /// Per frame: the distance to the nearest chosen view.
+    distances: Vec<u16>,
 }
 
-/// A connected set of `n` views from one start; its component has that many.
-fn grow(overlaps: &Overlaps, start: usize, n: usize) -> Grown {
-    let count = overlaps.len();
-    let mut chosen = vec![start];
-    // Per frame: the largest number of its points that one chosen view sees.
-    let mut best = overlaps.seen_by(start).to_vec();
-    let mut is_candidate: Vec<bool> = (0..count).map(|other| connected(overlaps, start, other)).collect();
-    while chosen.len() < n {
-        let candidates = (0..count).filter(|&candidate| is_candidate[candidate]);
-        let scored = candidates.map(|candidate| (score(&best, overlaps.seen_by(candidate)), candidate));
-        let (_, next) = scored
-            .reduce(|a, b| if b.0 > a.0 { b } else { a })
-            .expect("a component of at least n frames has a connected frame that is not chosen");
-        for (best, &seen) in best.iter_mut().zip(overlaps.seen_by(next)) {
-            *best = (*best).max(seen);
+impl Grown {
+    /// Grows a set from `start` to `n` views, or to fewer if no more are connected.
+    fn from(overlaps: &Overlaps, start: usize, n: usize) -> Self {
+        let seen = overlaps.seen_by(start).to_vec();
+        let mut grown = Self { chosen: vec![start], seen, distances: overlaps.distances(start).to_vec() };
+        while grown.chosen.len() < n {
+            let covers_start = |frame| grown.chosen.len() > 1 || overlaps.seen_by(frame)[start] >= HALF;
+            let candidates = (0..overlaps.len()).filter(|frame| {
+                grown.seen[*frame] >= HALF && !grown.chosen.contains(frame) && covers_start(*frame)
+            });
+            let scored = candidates.map(|frame| (grown.score_with(overlaps, frame), frame));
+            let Some((_, next)) = scored.reduce(|a, b| if b.0 > a.0 { b } else { a }) else { break };
+            for (seen, &added) in grown.seen.iter_mut().zip(overlaps.seen_by(next)) {
+                *seen = (*seen).max(added);
+            }
+            for (distance, &added) in grown.distances.iter_mut().zip(overlaps.distances(next)) {
+                *distance = (*distance).min(added);
+            }
+            grown.chosen.push(next);
         }
-        chosen.push(next);
-        for other in 0..count {
-            is_candidate[other] |= connected(overlaps, next, other);
-        }
-        for &view in &chosen {
-            is_candidate[view] = false;
-        }
+        grown
     }
-    Grown { start, chosen, score: score(&best, &best) }
-}
 
-/// The score of the chosen views, whose points are `best`, with one more view that sees `added`.
-fn score(best: &[u8], added: &[u8]) -> Score {
-    let mut score = Score { covered: 0, shared: 0 };
-    for (&best, &added) in best.iter().zip(added) {
-        let seen = best.max(added);
-        score.covered += u32::from(seen >= HALF);
-        score.shared += u32::from(seen);
+    /// The score that the set has with `frame` added, which may be a member.
+    fn score_with(&self, overlaps: &Overlaps, frame: usize) -> Score {
+        let pairs = self.seen.iter().zip(overlaps.seen_by(frame));
+        let covered = pairs.map(|(&seen, &added)| u32::from(seen.max(added) >= HALF)).sum();
+        let pairs = self.distances.iter().zip(overlaps.distances(frame));
+        let distance = pairs.map(|(&distance, &added)| u32::from(distance.min(added))).sum();
+        Score { covered, distance: Reverse(distance) }
     }
-    score
 }
 
 fn targets_between(cameras: &[Camera], overlaps: &Overlaps, context: &[usize]) -> Vec<usize> {
     let distance = |a: usize, b: usize| cameras[a].position().distance(cameras[b].position());
     let is_between = |&frame: &usize| {
-        let near: Vec<usize> =
-            context.iter().copied().filter(|&view| overlaps.seen_by(view)[frame] >= HALF).collect();
-        near.iter().enumerate().any(|(i, &a)| {
-            near[i + 1..].iter().any(|&b| distance(frame, a).max(distance(frame, b)) <= distance(a, b))
+        let sharing = context.iter().copied().filter(|&view| overlaps.seen_by(view)[frame] >= HALF);
+        let sharing: Vec<usize> = sharing.collect();
+        sharing.iter().enumerate().any(|(i, &a)| {
+            sharing[i + 1..].iter().any(|&b| distance(frame, a).max(distance(frame, b)) <= distance(a, b))
         })
     };
     (0..cameras.len()).filter(|frame| !context.contains(frame)).filter(is_between).collect()
