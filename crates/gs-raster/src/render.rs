@@ -21,8 +21,8 @@ pub struct Rendering {
 pub struct RenderStats {
     /// Gaussians that may touch a pixel: between near and far, not too transparent, footprint in the image.
     pub visible: usize,
-    /// Gaussians left out because a stored value is not finite, the quaternion is zero, or their footprint or
-    /// colour overflows.
+    /// Gaussians left out because a stored value is not finite, the quaternion is zero, or a scale, the
+    /// footprint or the colour overflows.
     pub rejected: usize,
     /// Pairs of a Gaussian and a tile that its footprint touches.
     pub intersections: u64,

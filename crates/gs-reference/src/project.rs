@@ -21,7 +21,8 @@ pub struct Projected {
 
 /// Gaussian `index` of a scene as a camera sees it: EWA splatting (Zwicker et al. 2001) with the Jacobian evaluated
 /// at a direction clamped to the image and 15 % of its size around it. `None` if it is not between near and far, if a
-/// stored value is not finite, if its quaternion is zero, or if its footprint overflows.
+/// stored value is not finite, if its quaternion is zero, or if a scale
+/// or the footprint overflows.
 #[must_use]
 pub fn project(gaussians: &Gaussians, index: usize, camera: &Camera, profile: &Profile) -> Option<Projected> {
     let row: Vec<f64> = gaussians.geometry()[index * 11..][..11].iter().map(|&v| f64::from(v)).collect();
@@ -46,7 +47,11 @@ pub fn project(gaussians: &Gaussians, index: usize, camera: &Camera, profile: &P
         DVec3::new(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
         DVec3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
     );
-    let scale = DMat3::from_diagonal(DVec3::new(row[7].exp(), row[8].exp(), row[9].exp()));
+    let scale = DVec3::new(row[7].exp(), row[8].exp(), row[9].exp());
+    if scale.max_element() > f64::from(f32::MAX) {
+        return None;
+    }
+    let scale = DMat3::from_diagonal(scale);
 
     let lens = camera.intrinsics();
     let (width, height) = (lens.width as f64, lens.height as f64);

@@ -150,10 +150,8 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool>(
         let first = (y - splat.extent[1] - 0.5).ceil().max(0.0) as usize;
         let last = (y + splat.extent[1] - 0.5).floor().min((TILE - 1) as f32);
         let (left, right) = (x - splat.extent[0], x + splat.extent[0]);
-        if !(last >= first as f32) {
-            continue;
-        }
-        for row in first..=last as usize {
+        let last = if last >= 0.0 { last as usize + 1 } else { 0 };
+        for row in first..last {
             let dy = centres[row] - y;
             // The row's middle, and what the distance of the row takes from every pixel in it.
             let (middle, constant) = (x + splat.shear * dy, splat.falloff[1] * dy * dy + splat.log2_opacity);

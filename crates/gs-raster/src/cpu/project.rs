@@ -1,7 +1,7 @@
 //! Gaussians to footprints: culling, EWA projection of the covariance (Zwicker et al. 2001), bounds, colour.
 //!
 //! Geometry is computed in f64 and rounded once: scenes far from the origin, needles and huge scales keep their
-//! precision, and nothing overflows that f32 input can hold.
+//! precision.
 
 use super::sh;
 use crate::RenderSettings;
@@ -17,8 +17,9 @@ const COMPENSATION_MIN: f64 = 0.005;
 /// Added to the squared Mahalanobis distance that bounds a footprint: far above the rounding of the blending stage,
 /// which takes the decision itself, and too small to cost anything.
 const BOUND_SLACK: f64 = 1e-3;
-/// Bounds beyond any image, pixels; keeps the products of bounds inside f32.
-const BOUND_MAX: f64 = 1e15;
+/// Longest standard deviation of a footprint, pixels. Longer axes are shortened, not thickened: over an image, no
+/// falloff changes by more than rounding, and the footprint's numbers and their squares fit f32.
+const SIGMA_MAX: f64 = 1e12;
 
 /// The footprint of one Gaussian in the image: 64 bytes, one cache line.
 #[derive(Debug, Clone, Copy)]
@@ -157,11 +158,15 @@ impl<'a> Projector<'a> {
             f64::from(row[q]),
         );
         let norm = quaternion.length();
-        if !(norm > 0.0) {
+        if norm == 0.0 {
             return Outcome::Rejected;
         }
         let axes = DMat3::from_quat(quaternion / norm);
         let scale = vector(LOG_SCALE).exp();
+        if scale.max_element() > f64::from(f32::MAX) {
+            return Outcome::Rejected;
+        }
+        let scale = scale.min(DVec3::splat(SIGMA_MAX * p.z / self.focal[0].max(self.focal[1])));
 
         // Rows of J · Rv · R · S, J evaluated at the clamped direction.
         let slope = [p.x / p.z, p.y / p.z];
@@ -217,9 +222,9 @@ impl<'a> Projector<'a> {
             log2_opacity: opacity.log2() as f32,
             rgb: rgb.map(|channel| channel.max(0.0)),
             depth: p.z as f32,
-            extent: extent.map(|value| value.min(BOUND_MAX) as f32),
+            extent: extent.map(|value| value as f32),
             shear: shear as f32,
-            half_width: half_width.min(BOUND_MAX) as f32,
+            half_width: half_width as f32,
         })
     }
 }

@@ -1,5 +1,5 @@
-//! Cases computed by an independent f64 program. Two of its cases are left to the example `check_case`: `d_rand2000_sh2`,
-//! which is too large to be kept here, and `i_e3nn_sh`, whose SH axes are of a convention that this project does not use.
+//! Cases computed by an independent f64 program. Two of its cases
+//! are left to the example `check_case`, to keep the repository small: `d_rand2000_sh2` and `i_e3nn_sh`.
 
 use crate::check::{check_cpu, check_reference};
 use gs_reference::Case;
@@ -8,8 +8,8 @@ use std::path::Path;
 fn cases() -> Vec<(String, Case)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/gs-raster");
     let mut files: Vec<_> = std::fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
+        .expect("the fixtures are in the repository")
+        .map(|entry| entry.expect("a folder can be listed").path())
         .filter(|path| path.extension().is_some_and(|extension| extension == "safetensors"))
         .collect();
     files.sort();

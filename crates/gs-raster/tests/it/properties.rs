@@ -22,7 +22,7 @@ fn permuted(scene: &Gaussians, order: &[usize]) -> Gaussians {
     let rows = |buffer: &[f32], row: usize| -> Vec<f32> {
         order.iter().flat_map(|&i| buffer[i * row..(i + 1) * row].to_vec()).collect()
     };
-    Gaussians::new(scene.sh_degree(), rows(scene.geometry(), 11), rows(scene.sh(), k)).unwrap()
+    Gaussians::new(scene.sh_degree(), rows(scene.geometry(), 11), rows(scene.sh(), k)).expect("valid")
 }
 
 proptest! {
@@ -32,13 +32,13 @@ proptest! {
     fn equals_the_reference(scene in gaussians(40), camera in camera(), antialias: bool) {
         let profile = Profile { antialias, ..Profile::default() };
         let truth = gs_reference::render(&scene, &camera, BACKGROUND.map(f64::from), &profile);
-        let view = render(&scene, &camera, &settings(&profile, BACKGROUND)).unwrap();
+        let view = render(&scene, &camera, &settings(&profile, BACKGROUND)).expect("valid");
         let ambiguous: Vec<bool> = truth.margin.iter().map(|&margin| margin < AMBIGUOUS).collect();
         prop_assume!(ambiguous.contains(&false));
-        let depth = view.depth.unwrap();
+        let depth = view.depth.expect("valid");
         let outputs = [("image", truth.image, view.image.data()), ("alpha", truth.alpha, &view.alpha), ("depth", truth.depth, &depth)];
         for (output, expected, found) in outputs {
-            let deviation = compare(expected, found.iter().copied(), &ambiguous).unwrap();
+            let deviation = compare(expected, found.iter().copied(), &ambiguous).expect("valid");
             prop_assert!(deviation.max_abs <= f32_bound(&deviation, None), "{}: {:?}", output, deviation);
         }
     }
@@ -47,7 +47,7 @@ proptest! {
     fn the_order_of_the_scene_changes_nothing(scene in gaussians(40), camera in camera(), seed in 0usize..1000) {
         let mut order: Vec<usize> = (0..scene.len()).collect();
         order.sort_by_key(|i| (i * 7727 + seed * 31) % 1009);
-        let render = |scene: &Gaussians| render(scene, &camera, &settings(&Profile::default(), BACKGROUND)).unwrap();
+        let render = |scene: &Gaussians| render(scene, &camera, &settings(&Profile::default(), BACKGROUND)).expect("valid");
         prop_assert_eq!(bits(&render(&scene)), bits(&render(&permuted(&scene, &order))));
     }
 
@@ -62,18 +62,18 @@ proptest! {
             row[..3].iter_mut().for_each(|value| *value *= factor as f32);
             row[7..10].iter_mut().for_each(|value| *value += factor.ln() as f32);
         }
-        let moved = Camera::new(*camera.intrinsics(), camera.rotation(), camera.translation() * factor).unwrap();
+        let moved = Camera::new(*camera.intrinsics(), camera.rotation(), camera.translation() * factor).expect("valid");
         let profile = Profile::default();
         let near = settings(&profile, BACKGROUND);
         let far = RenderSettings { near: near.near * factor as f32, far: near.far * factor as f32, ..near };
-        let (a, b) = (render(&scene, &camera, &near).unwrap(), render(&scaled, &moved, &far).unwrap());
+        let (a, b) = (render(&scene, &camera, &near).expect("valid"), render(&scaled, &moved, &far).expect("valid"));
         let truth = gs_reference::render(&scene, &camera, [0.0; 3], &profile);
         let ambiguous: Vec<bool> = truth.margin.iter().map(|&margin| margin < AMBIGUOUS).collect();
         prop_assume!(ambiguous.contains(&false));
-        let image = compare(a.image.data().iter().copied(), b.image.data().iter().copied(), &ambiguous).unwrap();
+        let image = compare(a.image.data().iter().copied(), b.image.data().iter().copied(), &ambiguous).expect("valid");
         prop_assert!(image.max_abs <= f32_bound(&image, None), "{:?}", image);
-        let depth = a.depth.unwrap().into_iter().map(|depth| f64::from(depth) * factor);
-        let depth = compare(depth, b.depth.unwrap(), &ambiguous).unwrap();
+        let depth = a.depth.expect("valid").into_iter().map(|depth| f64::from(depth) * factor);
+        let depth = compare(depth, b.depth.expect("valid"), &ambiguous).expect("valid");
         prop_assert!(depth.max_abs <= f32_bound(&depth, None), "{:?}", depth);
     }
 
@@ -90,21 +90,21 @@ proptest! {
         }
         let moved = Camera::new(
             *camera.intrinsics(), camera.rotation(), camera.translation() - camera.rotation() * offset,
-        ).unwrap();
+        ).expect("valid");
         let settings = settings(&Profile::default(), BACKGROUND);
-        let (a, b) = (render(&near, &camera, &settings).unwrap(), render(&far, &moved, &settings).unwrap());
+        let (a, b) = (render(&near, &camera, &settings).expect("valid"), render(&far, &moved, &settings).expect("valid"));
         let truth = gs_reference::render(&near, &camera, [0.0; 3], &Profile::default());
         let ambiguous: Vec<bool> = truth.margin.iter().map(|&margin| margin < AMBIGUOUS).collect();
         prop_assume!(ambiguous.contains(&false));
-        let image = compare(a.image.data().iter().copied(), b.image.data().iter().copied(), &ambiguous).unwrap();
+        let image = compare(a.image.data().iter().copied(), b.image.data().iter().copied(), &ambiguous).expect("valid");
         prop_assert!(image.max_abs <= f32_bound(&image, None), "{:?}", image);
     }
 
     #[test]
     fn the_number_of_threads_changes_no_bit(scene in gaussians(60), camera in camera()) {
         let on = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| bits(&render(&scene, &camera, &settings(&Profile::default(), BACKGROUND)).unwrap()))
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("valid");
+            pool.install(|| bits(&render(&scene, &camera, &settings(&Profile::default(), BACKGROUND)).expect("valid")))
         };
         prop_assert_eq!(on(1), on(2));
     }
@@ -113,13 +113,13 @@ proptest! {
     fn depth_is_paid_for_only_when_asked_and_changes_no_colour(scene in gaussians(30), camera in camera()) {
         let with = settings(&Profile::default(), BACKGROUND);
         let (a, b) = (
-            render(&scene, &camera, &with).unwrap(),
-            render(&scene, &camera, &RenderSettings { depth: false, ..with }).unwrap(),
+            render(&scene, &camera, &with).expect("valid"),
+            render(&scene, &camera, &RenderSettings { depth: false, ..with }).expect("valid"),
         );
         prop_assert!(b.depth.is_none());
         prop_assert_eq!(a.image, b.image);
         // A depth where something is drawn, inside the range of depths of the scene.
-        for (depth, alpha) in a.depth.unwrap().into_iter().zip(a.alpha) {
+        for (depth, alpha) in a.depth.expect("valid").into_iter().zip(a.alpha) {
             prop_assert_eq!(depth > 0.0, alpha > 0.0);
             prop_assert!(depth < 10.0);
         }
@@ -129,7 +129,7 @@ proptest! {
 #[test]
 fn many_gaussians_in_several_lists_equal_the_reference() {
     // More than one chunk of the projection and of the tile lists, and tiles that are done early.
-    let mut scene = Gaussians::empty(0).unwrap();
+    let mut scene = Gaussians::empty(0).expect("valid");
     let mut state = 9u32;
     let mut uniform = || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -143,12 +143,12 @@ fn many_gaussians_in_several_lists_equal_the_reference() {
         scene.push(mean, quaternion, scale, 6.0 * uniform() - 2.0, &[uniform(), uniform(), uniform()]);
     }
     let lens = gs_scene::Intrinsics { fx: 40.0, fy: 40.0, cx: 20.0, cy: 20.0, width: 40, height: 40 };
-    let camera = Camera::new(lens, glam::DMat3::IDENTITY, DVec3::ZERO).unwrap();
+    let camera = Camera::new(lens, glam::DMat3::IDENTITY, DVec3::ZERO).expect("valid");
     let profile = Profile::default();
     let truth = gs_reference::render(&scene, &camera, [0.0; 3], &profile);
-    let view = render(&scene, &camera, &settings(&profile, [0.0; 3])).unwrap();
+    let view = render(&scene, &camera, &settings(&profile, [0.0; 3])).expect("valid");
     assert!(view.stats.visible > 16_384, "{:?}", view.stats);
     let ambiguous: Vec<bool> = truth.margin.iter().map(|&margin| margin < AMBIGUOUS).collect();
-    let deviation = compare(truth.image, view.image.data().iter().copied(), &ambiguous).unwrap();
+    let deviation = compare(truth.image, view.image.data().iter().copied(), &ambiguous).expect("valid");
     assert!(deviation.max_abs <= F32_WITHOUT_FLOOR * deviation.largest, "{deviation:?}");
 }

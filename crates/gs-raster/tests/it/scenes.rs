@@ -20,7 +20,7 @@ pub(crate) fn camera() -> impl Strategy<Value = Camera> {
                 height,
             };
             let rotation = DMat3::from_euler(EulerRot::XYZ, angles[0], angles[1], angles[2]);
-            Camera::new(intrinsics, rotation, DVec3::from(offset)).unwrap()
+            Camera::new(intrinsics, rotation, DVec3::from(offset)).expect("valid")
         },
     )
 }
@@ -37,7 +37,7 @@ pub(crate) fn gaussians(n: usize) -> impl Strategy<Value = Gaussians> {
             prop::collection::vec(-0.8..0.8f32, k),
         );
         prop::collection::vec(row, n).prop_map(move |rows| {
-            let mut scene = Gaussians::empty(degree).unwrap();
+            let mut scene = Gaussians::empty(degree).expect("valid");
             let count = rows.len();
             for (i, ([x, y], quaternion, log_scale, logit, sh)) in rows.into_iter().enumerate() {
                 // Far apart in z, in scrambled order, some behind the camera.
