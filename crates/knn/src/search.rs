@@ -21,31 +21,87 @@ const NO_CANDIDATE: u64 = (f32::INFINITY.to_bits() as u64) << 32 | u32::MAX as u
 /// `queries`. There must be at least `k` points (`k + 1` with `exclude_self`, for which both trees are the same).
 pub(crate) fn nearest_keys(points: &Tree, queries: &Tree, k: usize, exclude_self: bool) -> Vec<u64> {
     let n_queries = queries.leaves.iter().map(|leaf| leaf.len).sum::<usize>();
-    let mut keys = vec![NO_CANDIDATE; n_queries * k];
-    keys.par_chunks_mut(LEAF * k).zip(&queries.leaves).enumerate().for_each(|(leaf_idx, (rows, block))| {
-        let own = exclude_self.then_some(leaf_idx);
-        Search::new(points, block, rows, k).run(own);
-    });
+    let mut keys = vec![0; n_queries * k];
+    keys.par_chunks_mut(LEAF * k).zip(&queries.leaves).enumerate().for_each_init(
+        || Candidates::new(k),
+        |candidates, (leaf_idx, (rows, block))| {
+            candidates.clear();
+            let own = exclude_self.then_some(leaf_idx);
+            Search { points, block, around: bounding_box(block), candidates }.run(own);
+            for (lane, row) in rows.chunks_exact_mut(k).enumerate() {
+                row.copy_from_slice(candidates.sorted(lane));
+            }
+        },
+    );
     keys
+}
+
+/// The nearest keys so far of each query of a block. New ones collect behind the `k` nearest until there are enough
+/// to pay for a selection: constant time per candidate for any `k`, where keeping them sorted would take O(k).
+struct Candidates {
+    k: usize,
+    /// Keys per query for which there is room.
+    capacity: usize,
+    /// `[LEAF, capacity]`, the first `len` of each in use.
+    keys: Vec<u64>,
+    len: [usize; LEAF],
+    /// Keys above this are not among the `k` nearest; as of the latest selection.
+    last: [u64; LEAF],
+}
+
+impl Candidates {
+    fn new(k: usize) -> Self {
+        let capacity = k + (k / 4).max(16) + LEAF;
+        Self { k, capacity, keys: vec![0; LEAF * capacity], len: [0; LEAF], last: [NO_CANDIDATE; LEAF] }
+    }
+
+    fn clear(&mut self) {
+        self.len = [0; LEAF];
+        self.last = [NO_CANDIDATE; LEAF];
+    }
+
+    /// Squared distance above which nothing can enter.
+    fn bound(&self, lane: usize) -> f32 {
+        split_key(self.last[lane]).0
+    }
+
+    /// Adds keys, at most [`LEAF`]; says whether the bound moved.
+    fn extend(&mut self, lane: usize, new: impl Iterator<Item = u64>) -> bool {
+        let keys = &mut self.keys[lane * self.capacity..][..self.capacity];
+        let mut len = self.len[lane];
+        for key in new {
+            keys[len] = key;
+            len += 1;
+        }
+        let first_bound = len >= self.k && self.last[lane] == NO_CANDIDATE;
+        let select = first_bound || len + LEAF > self.capacity;
+        if select {
+            self.last[lane] = *keys[..len].select_nth_unstable(self.k - 1).1;
+            len = self.k;
+        }
+        self.len[lane] = len;
+        select
+    }
+
+    /// The `k` nearest keys.
+    fn sorted(&mut self, lane: usize) -> &[u64] {
+        let keys = &mut self.keys[lane * self.capacity..][..self.len[lane]];
+        keys.select_nth_unstable(self.k - 1);
+        let nearest = &mut keys[..self.k];
+        nearest.sort_unstable();
+        nearest
+    }
 }
 
 struct Search<'a> {
     points: &'a Tree,
     block: &'a Leaf,
-    /// Box of the block.
+    /// Box of the block: lowest and highest coordinates.
     around: [[f32; 3]; 2],
-    k: usize,
-    /// Sorted keys found so far, `[block.len, k]`.
-    rows: &'a mut [u64],
-    /// Squared distance of each query's last candidate.
-    bounds: [f32; LEAF],
+    candidates: &'a mut Candidates,
 }
 
-impl<'a> Search<'a> {
-    fn new(points: &'a Tree, block: &'a Leaf, rows: &'a mut [u64], k: usize) -> Self {
-        Self { points, block, around: bounding_box(block), k, rows, bounds: [f32::INFINITY; LEAF] }
-    }
-
+impl Search<'_> {
     /// Depth first, nearer child first. `own` is the leaf that the block itself is.
     fn run(&mut self, own: Option<usize>) {
         let mut last = NO_CANDIDATE;
@@ -59,7 +115,7 @@ impl<'a> Search<'a> {
             }
             if n_leaves == 1 {
                 if self.visit(node, first_leaf, own == Some(first_leaf)) {
-                    last = self.last();
+                    last = self.candidates.last[..self.block.len].iter().copied().max().unwrap_or(0);
                 }
                 continue;
             }
@@ -80,36 +136,26 @@ impl<'a> Search<'a> {
     fn lower_bound(&self, node: usize) -> u64 {
         let node = &self.points.nodes[node];
         let [lo, hi] = &self.around;
-        let gap = |axis: usize| {
-            let above = node.lo[axis] - hi[axis];
-            let below = lo[axis] - node.hi[axis];
-            positive(if above > below { above } else { below })
-        };
+        let gap = |axis: usize| outside(node.lo[axis] - hi[axis], lo[axis] - node.hi[axis]);
         let (dx, dy, dz) = (gap(0), gap(1), gap(2));
         key(dx * dx + dy * dy + dz * dz, node.min_index)
     }
 
-    /// Largest key that is still a neighbour of some query of the block.
-    fn last(&self) -> u64 {
-        self.rows.chunks_exact(self.k).map(|row| row[self.k - 1]).max().unwrap_or(0)
-    }
-
-    /// Offers the points of a leaf to every query of the block that they can matter to; says whether any entered.
+    /// Offers the points of a leaf to every query of the block whose bound reaches its box; says whether any bound
+    /// moved.
     fn visit(&mut self, node: usize, leaf_idx: usize, is_own: bool) -> bool {
         let Node { lo, hi, .. } = self.points.nodes[node];
         let block = self.block;
+        // As `lower_bound`, for each query alone.
         let mut to_box = [0f32; LEAF];
         for (lane, to_box) in to_box.iter_mut().enumerate() {
-            let gap = |q: f32, axis: usize| {
-                let (above, below) = (lo[axis] - q, q - hi[axis]);
-                positive(if above > below { above } else { below })
-            };
+            let gap = |q: f32, axis: usize| outside(lo[axis] - q, q - hi[axis]);
             let (dx, dy, dz) = (gap(block.x[lane], 0), gap(block.y[lane], 1), gap(block.z[lane], 2));
             *to_box = dx * dx + dy * dy + dz * dz;
         }
         let mut changed = false;
         for (lane, &to_box) in to_box.iter().enumerate().take(block.len) {
-            if to_box <= self.bounds[lane] {
+            if to_box <= self.candidates.bound(lane) {
                 changed |= self.offer(lane, leaf_idx, is_own);
             }
         }
@@ -128,35 +174,18 @@ impl<'a> Search<'a> {
         if is_own {
             sq_distances[lane] = f32::NAN;
         }
-        let bound = self.bounds[lane];
+        let bound = self.candidates.bound(lane);
         let mut near = 0u32;
         for (i, &sq_distance) in sq_distances.iter().enumerate() {
             near |= u32::from(sq_distance <= bound) << i;
         }
-        let row = &mut self.rows[lane * self.k..][..self.k];
-        let mut changed = false;
-        while near != 0 {
+        let new = std::iter::from_fn(|| {
             let i = near.trailing_zeros() as usize;
-            near &= near - 1;
-            changed |= insert(row, key(sq_distances[i], leaf.index[i]));
-        }
-        self.bounds[lane] = split_key(row[self.k - 1]).0;
-        changed
+            near &= near.wrapping_sub(1);
+            (i < LEAF).then(|| key(sq_distances[i], leaf.index[i]))
+        });
+        self.candidates.extend(lane, new)
     }
-}
-
-/// Keeps the smallest keys, sorted.
-fn insert(row: &mut [u64], key: u64) -> bool {
-    let mut i = row.len() - 1;
-    if key >= row[i] {
-        return false;
-    }
-    while i > 0 && row[i - 1] > key {
-        row[i] = row[i - 1];
-        i -= 1;
-    }
-    row[i] = key;
-    true
 }
 
 /// Box around the queries of a block.
@@ -171,6 +200,8 @@ fn bounding_box(block: &Leaf) -> [[f32; 3]; 2] {
     [lo, hi]
 }
 
-fn positive(c: f32) -> f32 {
-    if c > 0.0 { c } else { 0.0 }
+/// How far something lies outside an interval, given how far it is beyond each end; 0 inside, and for NaN.
+fn outside(above: f32, below: f32) -> f32 {
+    let gap = if above > below { above } else { below };
+    if gap > 0.0 { gap } else { 0.0 }
 }

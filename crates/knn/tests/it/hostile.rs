@@ -76,9 +76,10 @@ fn large_degenerate_sets_take_no_quadratic_time() {
     }
 }
 
-/// A whole row of all other points, for more neighbours than a sorted insertion is made for.
 #[test]
 fn k_may_be_the_whole_set() {
-    let points = set("uniform", 700, 11);
-    assert_eq!(knn(&points, 1000), brute_force(&points, 1000));
+    for shape in ["uniform", "lattice"] {
+        let points = set(shape, 800, 11);
+        assert_eq!(knn(&points, 5000), brute_force(&points, 5000));
+    }
 }

@@ -43,7 +43,7 @@ proptest! {
 #[test]
 fn larger_sets_of_every_shape_equal_brute_force() {
     for shape in SHAPES {
-        let points = set(shape, 3000, 7);
+        let points = set(shape, 2000, 7);
         let (fast, slow) = (knn(&points, 20).unwrap(), brute_force(&points, 20).unwrap());
         assert!(bits(&fast) == bits(&slow), "{shape}");
     }
