@@ -106,7 +106,8 @@ fn solve_scale(maps: &[ImportanceMap], target: f64, pixel: impl Fn(f32, f64) -> 
     loop {
         let [saturated, slope] = sums(maps, |value, weight| {
             let (value, weight) = pixel(value, weight);
-            if scale * value >= 1.0 { [weight, 0.0] } else { [0.0, weight * value] }
+            let saturated = f64::from(scale * value >= 1.0);
+            [saturated * weight, (1.0 - saturated) * weight * value]
         });
         let next = (target - saturated) / slope;
         // No slope: all is saturated. No rise: nothing new saturated, or rounding has the last word.
@@ -123,26 +124,38 @@ const PIXELS: usize = 1 << 14;
 /// Sums over all pixels of all views; `terms` gets importance and weight.
 fn sums<const N: usize>(maps: &[ImportanceMap], terms: impl Fn(f32, f64) -> [f64; N] + Sync) -> [f64; N] {
     let mut total = [0.0; N];
-    let mut add = |sum: [f64; N]| {
-        for (total, term) in total.iter_mut().zip(sum) {
-            *total += term;
-        }
-    };
     for map in maps {
         let tasks = map.values().par_chunks(PIXELS).enumerate();
         let partial: Vec<[f64; N]> = tasks
-            .map(|(task, values)| {
-                let mut sum = [0.0; N];
-                for (i, &value) in values.iter().enumerate() {
-                    let terms = terms(value, map.weight(task * PIXELS + i));
-                    for (sum, term) in sum.iter_mut().zip(terms) {
-                        *sum += term;
-                    }
+            .map(|(task, values)| match map.weights() {
+                None => lane_sums(values, |i| terms(values[i], 1.0)),
+                Some(weights) => {
+                    let weights = &weights[task * PIXELS..][..values.len()];
+                    lane_sums(values, |i| terms(values[i], f64::from(weights[i])))
                 }
-                sum
             })
             .collect();
-        partial.into_iter().for_each(&mut add);
+        for sum in partial {
+            total = add(total, sum);
+        }
     }
     total
+}
+
+/// The terms of all indices of `values`, summed in interleaved lanes, which keeps additions from waiting for each other.
+fn lane_sums<const N: usize>(values: &[f32], terms: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+    const LANES: usize = 4;
+    let mut lanes = [[0.0; N]; LANES];
+    let even = values.len() / LANES * LANES;
+    for start in (0..even).step_by(LANES) {
+        for (lane, sum) in lanes.iter_mut().enumerate() {
+            *sum = add(*sum, terms(start + lane));
+        }
+    }
+    let rest = (even..values.len()).fold([0.0; N], |sum, i| add(sum, terms(i)));
+    lanes.into_iter().fold(rest, add)
+}
+
+fn add<const N: usize>(a: [f64; N], b: [f64; N]) -> [f64; N] {
+    std::array::from_fn(|i| a[i] + b[i])
 }
