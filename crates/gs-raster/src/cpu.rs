@@ -1,10 +1,9 @@
-//! The CPU path: project, sort by depth, list per tile, blend.
+//! The CPU path: project, list per tile, order and blend each tile.
 
 mod bin;
 mod blend;
 mod project;
 mod sh;
-mod sort;
 
 use crate::{RenderSettings, RenderStats, Rendering, Result, StageSeconds};
 use gs_scene::{Camera, Gaussians, Image};
@@ -42,11 +41,7 @@ pub(crate) fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSe
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
-    let order = sort::near_to_far(&projection.splats);
-    seconds.sort = start.elapsed().as_secs_f64();
-
-    let start = Instant::now();
-    let bins = bin::Bins::new(&projection.splats, &order, grid)?;
+    let bins = bin::Bins::new(&projection.splats, grid)?;
     seconds.bin = start.elapsed().as_secs_f64();
 
     let start = Instant::now();

@@ -35,11 +35,9 @@ pub struct RenderStats {
 pub struct StageSeconds {
     /// Gaussians to footprints and colours.
     pub project: f64,
-    /// Near-to-far order.
-    pub sort: f64,
     /// Lists of Gaussians per tile.
     pub bin: f64,
-    /// Compositing.
+    /// Near-to-far order within each tile, and compositing.
     pub blend: f64,
 }
 

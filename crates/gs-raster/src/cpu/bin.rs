@@ -1,21 +1,24 @@
-//! Lists of the Gaussians that touch each tile, near to far.
+//! Lists of the Gaussians that touch each tile.
 
 use super::project::Splat;
 use super::{Grid, TILE};
 use crate::{Error, Result};
+use multiversion::multiversion;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Gaussians per task.
 const CHUNK: usize = 16384;
-/// The most pairs of Gaussian and tile that are listed: 1 GiB of indices.
+/// The most pairs of Gaussian and tile that are listed: 2 GiB of indices while the lists are made.
 const INTERSECTIONS_MAX: u64 = 1 << 28;
 
-/// Per tile, the splats whose footprint touches one of its pixel centres, near to far.
+/// Per tile, the splats whose footprint may touch one of its pixel centres.
 pub(super) struct Bins {
     chunks: Vec<Lists>,
+    intersections: u64,
 }
 
-/// The lists of a run of splats that are neighbours in depth order.
+/// The lists of a run of neighbouring splats.
 struct Lists {
     /// Where the list of each tile ends in `splats`; it starts where that of the tile before ends.
     ends: Vec<u32>,
@@ -23,67 +26,85 @@ struct Lists {
 }
 
 impl Bins {
-    /// Lists `splats`, which `order` sorts near to far.
-    pub(super) fn new(splats: &[Splat], order: &[u32], grid: Grid) -> Result<Self> {
-        let tiles = grid.columns * grid.rows;
-        let counts: Vec<Vec<u32>> = order
+    /// Lists `splats`.
+    pub(super) fn new(splats: &[Splat], grid: Grid) -> Result<Self> {
+        let found = AtomicU64::new(0);
+        let chunks = splats
             .par_chunks(CHUNK)
-            .map(|chunk| {
-                let mut counts = vec![0; tiles];
-                for &index in chunk {
-                    for_each_tile(&splats[index as usize], grid, |tile| counts[tile] += 1);
-                }
-                counts
-            })
+            .enumerate()
+            .map(|(chunk, splats)| list(splats, (chunk * CHUNK) as u32, grid, &found))
             .collect();
-        let found = counts.iter().flatten().map(|&count| u64::from(count)).sum();
-        if found > INTERSECTIONS_MAX {
-            return Err(Error::TooManyIntersections { found, limit: INTERSECTIONS_MAX });
+        let intersections = found.into_inner();
+        if intersections > INTERSECTIONS_MAX {
+            return Err(Error::TooManyIntersections { found: intersections, limit: INTERSECTIONS_MAX });
         }
-        let chunks = order
-            .par_chunks(CHUNK)
-            .zip(counts)
-            .map(|(chunk, mut slots)| {
-                let mut offset = 0;
-                for slot in &mut slots {
-                    (*slot, offset) = (offset, offset + *slot);
-                }
-                let mut lists = vec![0; offset as usize];
-                for &index in chunk {
-                    for_each_tile(&splats[index as usize], grid, |tile| {
-                        lists[slots[tile] as usize] = index;
-                        slots[tile] += 1;
-                    });
-                }
-                Lists { ends: slots, splats: lists }
-            })
-            .collect();
-        Ok(Self { chunks })
+        Ok(Self { chunks, intersections })
     }
 
-    /// The splats of one tile, near to far.
-    pub(super) fn tile(&self, tile: usize) -> impl Iterator<Item = u32> {
-        self.chunks.iter().flat_map(move |lists| {
+    /// Puts the splats of one tile into `list`, near to far; equal depths keep the order of the scene.
+    pub(super) fn near_to_far(&self, tile: usize, splats: &[Splat], list: &mut Vec<u64>) {
+        list.clear();
+        for lists in &self.chunks {
             let start = if tile == 0 { 0 } else { lists.ends[tile - 1] };
-            lists.splats[start as usize..lists.ends[tile] as usize].iter().copied()
-        })
+            // Depths are positive, so their bits order as the numbers do.
+            let key =
+                |&index: &u32| u64::from(splats[index as usize].depth.to_bits()) << 32 | u64::from(index);
+            list.extend(lists.splats[start as usize..lists.ends[tile] as usize].iter().map(key));
+        }
+        list.sort_unstable();
     }
 
     /// Pairs of splat and tile.
     pub(super) fn intersections(&self) -> u64 {
-        self.chunks.iter().map(|lists| lists.splats.len() as u64).sum()
+        self.intersections
     }
 }
 
-/// Calls `visit` for every tile in which a pixel centre may lie inside the splat's ellipse.
+/// The lists of `splats`, the first of which has index `first`. What it finds is added to `found`; beyond the limit
+/// it only counts.
+fn list(splats: &[Splat], first: u32, grid: Grid, found: &AtomicU64) -> Lists {
+    let mut tiles = Vec::with_capacity(splats.len() * 2);
+    let mut tile_ends = Vec::with_capacity(splats.len());
+    for splat in splats {
+        let before = tiles.len();
+        let count = push_tiles(splat, grid, &mut tiles);
+        if found.fetch_add(count, Ordering::Relaxed) + count > INTERSECTIONS_MAX {
+            tiles.truncate(before);
+        }
+        tile_ends.push(tiles.len());
+    }
+    let mut slots = vec![0; grid.columns * grid.rows];
+    for &tile in &tiles {
+        slots[tile as usize] += 1;
+    }
+    let mut offset = 0;
+    for slot in &mut slots {
+        (*slot, offset) = (offset, offset + *slot);
+    }
+    let mut lists = vec![0; tiles.len()];
+    let mut start = 0;
+    for (index, &end) in (first..).zip(&tile_ends) {
+        for &tile in &tiles[start..end] {
+            let slot = &mut slots[tile as usize];
+            lists[*slot as usize] = index;
+            *slot += 1;
+        }
+        start = end;
+    }
+    Lists { ends: slots, splats: lists }
+}
+
+/// Appends every tile in which a pixel centre may lie inside the splat's ellipse, and returns their number.
 ///
 /// Within a row of tiles the ellipse reaches farthest right at dy = `lean` if that is in the row, else at the edge
 /// nearest to it; farthest left likewise at dy = -`lean`.
-fn for_each_tile(splat: &Splat, grid: Grid, mut visit: impl FnMut(usize)) {
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn push_tiles(splat: &Splat, grid: Grid, tiles: &mut Vec<u32>) -> u64 {
     let [extent_x, extent_y] = splat.extent;
     let [x, y] = splat.mean;
-    let Some((first, last)) = pixels(y, -extent_y, extent_y, grid.height) else { return };
+    let Some((first, last)) = pixels(y, -extent_y, extent_y, grid.height) else { return 0 };
     let lean = splat.shear * extent_y * (extent_y / extent_x);
+    let mut count = 0;
     for row in first / TILE..=last / TILE {
         let top = ((row * TILE) as f64 + 0.5 - y) as f32;
         let (low, high) = (top.max(-extent_y), (top + (TILE - 1) as f32).min(extent_y));
@@ -95,15 +116,18 @@ fn for_each_tile(splat: &Splat, grid: Grid, mut visit: impl FnMut(usize)) {
         let (middle_right, half_right) = reach(lean.max(low).min(high));
         let span = pixels(x, middle_left - half_left, middle_right + half_right, grid.width);
         let Some((left, right)) = span else { continue };
-        for column in left / TILE..=right / TILE {
-            visit(row * grid.columns + column);
-        }
+        let start = row * grid.columns;
+        tiles.extend((start + left / TILE) as u32..=(start + right / TILE) as u32);
+        count += (right / TILE - left / TILE + 1) as u64;
     }
+    count
 }
 
 /// First and last pixel of `0..size` whose centre lies between `middle + low` and `middle + high`.
+#[inline(always)]
 fn pixels(middle: f64, low: f32, high: f32, size: usize) -> Option<(usize, usize)> {
     let first = (middle + f64::from(low) - 0.5).ceil().max(0.0);
     let last = (middle + f64::from(high) - 0.5).floor().min((size - 1) as f64);
-    (first <= last).then_some((first as usize, last as usize))
+    // In the range of i32: casts to it are single instructions.
+    (first <= last).then_some((first as i32 as usize, last as i32 as usize))
 }

@@ -67,10 +67,10 @@ pub(super) fn blend(
         .for_each(|(row, ((image, alpha), depth))| {
             let tiles: Vec<Box<Tile>> = (0..grid.columns)
                 .into_par_iter()
-                .map(|column| {
+                .map_init(Vec::new, |list, column| {
                     let mut tile = Tile::new(grid, column, row);
                     let origin = [column * TILE, row * TILE];
-                    let list = bins.tile(row * grid.columns + column);
+                    bins.near_to_far(row * grid.columns + column, splats, list);
                     if depth.is_empty() {
                         blend_tile::<false>(&mut tile, list, splats, origin, limits);
                     } else {
@@ -114,11 +114,11 @@ impl Tile {
     }
 }
 
-/// Adds the splats of `list` to the tile whose top-left pixel is `origin`.
+/// Adds the splats whose indices are in the low halves of `list` to the tile whose top-left pixel is `origin`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 fn blend_tile<const DEPTH: bool>(
     tile: &mut Tile,
-    list: impl Iterator<Item = u32>,
+    list: &[u64],
     splats: &[Splat],
     origin: [usize; 2],
     limits: Limits,
@@ -133,17 +133,17 @@ fn blend_tile<const DEPTH: bool>(
 #[inline(always)]
 fn blend_tile_with<const DEPTH: bool, const FMA: bool>(
     tile: &mut Tile,
-    list: impl Iterator<Item = u32>,
+    list: &[u64],
     splats: &[Splat],
     origin: [usize; 2],
     limits: Limits,
 ) {
     let centres: [f32; TILE] = std::array::from_fn(|i| i as f32 + 0.5);
-    for (count, index) in list.enumerate() {
+    for (count, &key) in list.iter().enumerate() {
         if count % DONE_INTERVAL == DONE_INTERVAL - 1 && tile.transmittance.iter().all(|&t| t <= 0.0) {
             return;
         }
-        let splat = &splats[index as usize];
+        let splat = &splats[key as u32 as usize];
         // Relative to the tile, f32 keeps the position to a millionth of a pixel in images of any size.
         let x = (splat.mean[0] - origin[0] as f64) as f32;
         let y = (splat.mean[1] - origin[1] as f64) as f32;

@@ -78,7 +78,10 @@ fn pair() -> impl Strategy<Value = (Image, Image)> {
     (11usize..20, 11usize..16).prop_flat_map(|(width, height)| {
         let data = || prop::collection::vec(-0.2..1.2f32, width * height * 3);
         (data(), data()).prop_map(move |(a, b)| {
-            (Image::new(width, height, a).unwrap(), Image::new(width, height, b).unwrap())
+            (
+                Image::new(width, height, a).expect("a picture"),
+                Image::new(width, height, b).expect("a picture"),
+            )
         })
     })
 }
