@@ -21,8 +21,10 @@ pub struct Seconds {
     pub knn: f64,
     /// Attributes of anchors.
     pub head: f64,
-    /// Attributes to Gaussians, and the far shell.
+    /// Attributes to Gaussians.
     pub decode: f64,
+    /// The far shell.
+    pub shell: f64,
     /// Optimisation steps after the forward pass.
     pub refine: f64,
     /// Writing the scene.
@@ -37,13 +39,13 @@ impl Seconds {
     /// These times with those of the pipeline's stages.
     #[must_use]
     pub fn with_stages(self, stages: &StageSeconds) -> Self {
-        let StageSeconds { backbone, exposure, sampling, backproject, knn, head, decode } = *stages;
-        Self { backbone, exposure, sampling, backproject, knn, head, decode, ..self }
+        let StageSeconds { backbone, exposure, sampling, backproject, knn, head, decode, shell } = *stages;
+        Self { backbone, exposure, sampling, backproject, knn, head, decode, shell, ..self }
     }
 
     /// Name and time of each stage in order, without the total.
     #[must_use]
-    pub fn stages(&self) -> [(&'static str, f64); 11] {
+    pub fn stages(&self) -> [(&'static str, f64); 12] {
         [
             ("load", self.load),
             ("backbone", self.backbone),
@@ -53,6 +55,7 @@ impl Seconds {
             ("knn", self.knn),
             ("head", self.head),
             ("decode", self.decode),
+            ("shell", self.shell),
             ("refine", self.refine),
             ("write", self.write),
             ("render", self.render),
@@ -70,6 +73,7 @@ impl Seconds {
             knn: mean(|s| s.knn),
             head: mean(|s| s.head),
             decode: mean(|s| s.decode),
+            shell: mean(|s| s.shell),
             refine: mean(|s| s.refine),
             write: mean(|s| s.write),
             render: mean(|s| s.render),

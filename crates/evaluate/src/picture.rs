@@ -10,7 +10,7 @@ use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use std::path::Path;
 
 /// Error pictures show the mean absolute difference of the three channels times this factor.
-pub const ERROR_GAIN: f32 = 4.0;
+pub const ERROR_GAIN: f32 = 2.5;
 
 /// An 8-bit RGB picture, ready for a file or a page.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -7,10 +7,10 @@ use serde::Serialize;
 use sparsesplat::Config;
 
 /// What all tables have in common, in words.
-pub const PROTOCOL: &str = "whole image, no border trimmed, black background, renders clipped to 0..1 and compared as floats \
+pub const PROTOCOL: &str = "Whole image, no border trimmed, black background, renders clipped to 0..1 and compared as floats \
 with the 8-bit targets, nothing fitted to a target; PSNR per target, mean over targets, then windows, then scenes; SSIM as \
 scikit-image's structural_similarity with 11 Gaussian taps, sigma 1.5; nearest view: the context photograph whose camera is \
-closest, shown as it is";
+closest, shown as it is.";
 
 /// What happens during an evaluation.
 #[derive(Debug)]

@@ -96,6 +96,7 @@ impl Report {
         let scale = DepthScale::of(outcome.prediction.geometry.iter().map(|geometry| geometry.depth.data()));
         let anchor = format!("w{}", self.links.len());
         let mut html = format!("<section><h2 id=\"{anchor}\">{}</h2>\n", escape(&window.name));
+        let _ = writeln!(html, "<p class=\"soft\">{}</p>", escape(&in_words(window, outcome)));
         if !window.targets.is_empty() {
             html.push_str(&targets(window, outcome, scale, limits)?);
         }
@@ -133,6 +134,24 @@ impl Report {
             recipe = escape(recipe),
         )
     }
+}
+
+/// The figures of a window in a sentence.
+fn in_words(window: &Window, outcome: &Outcome) -> String {
+    let figures = &outcome.figures.figures;
+    let mut text =
+        format!("{} photographs in, {} Gaussians out", window.context.len(), count(figures.gaussians));
+    if !window.targets.is_empty() {
+        let _ = write!(
+            text,
+            "; {} views held out: {} dB, SSIM {} (nearest photograph shown as it is: {} dB)",
+            window.targets.len(),
+            decibel(figures.psnr_held_out),
+            number(figures.ssim_held_out, 3),
+            decibel(figures.psnr_nearest_view)
+        );
+    }
+    text
 }
 
 /// Rows of target, rendering, error, depth.

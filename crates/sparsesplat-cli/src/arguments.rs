@@ -35,7 +35,7 @@ pub(crate) struct Pipeline {
     #[arg(long, value_name = "COUNT", value_parser = gaussians, default_value = "40k", conflicts_with = "tau")]
     pub(crate) gaussians: usize,
     /// Instead of a count: probability per pixel = tau x entropy / 8 bits; the far shell comes on top
-    #[arg(long, value_parser = tau)]
+    #[arg(long, value_parser = tau, allow_hyphen_values = true)]
     pub(crate) tau: Option<f64>,
     /// Where depth comes from
     #[arg(long, value_enum, default_value = "plane-sweep")]

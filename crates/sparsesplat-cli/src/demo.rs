@@ -43,6 +43,8 @@ struct Record<'a, C> {
     recipe: &'a Recipe<C>,
     #[serde(flatten)]
     row: &'a WindowRow,
+    /// Ray tracing of the photographs; not part of `seconds`.
+    simulation_seconds: f64,
     peak_rss_bytes: Option<u64>,
 }
 
@@ -56,7 +58,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let config = arguments.pipeline.config(arguments.seed);
     let progress = Progress::new(1);
     progress.say("ray-tracing the photographs");
+    let begin = Instant::now();
     let window = simulated_window(arguments.size.unwrap_or(SIMULATED_SIZE)).or_input()?;
+    let simulation = begin.elapsed().as_secs_f64();
     let mut outcome =
         run_window(&window, &config, &mut |step| progress.say(describe(step))).map_err(Failure::sorted)?;
 
@@ -97,7 +101,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     report.window(&window, &outcome, PictureLimits::ONE_WINDOW).or_work()?;
     let page = arguments.output.join("report.html");
     output::write_text(&page, &report.to_html(&output::to_json(&recipe)?))?;
-    let record = Record { recipe: &recipe, row: &row, peak_rss_bytes: peak };
+    let record = Record { recipe: &recipe, row: &row, simulation_seconds: simulation, peak_rss_bytes: peak };
     output::write_json(&arguments.output.join("result.json"), &record)?;
     if let Some(path) = &common.json {
         output::write_json(path, &record)?;
@@ -107,6 +111,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let rows = [row];
     let (scenes, mean) = means(&rows);
     print(&figures_table(&rows, &scenes, &mean, true).to_text());
+    print_line(&format!(
+        "simulation {simulation:.2} s for {} photographs",
+        window.context.len() + window.targets.len()
+    ));
     print_line(&counts_line(&outcome.figures));
     print_line(&seconds_line(&outcome.figures));
     print_line(&memory_line(peak));

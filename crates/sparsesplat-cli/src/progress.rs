@@ -60,7 +60,7 @@ pub(crate) fn describe(step: Step) -> &'static str {
         Step::Predict(Stage::Sampling) => "choosing pixels",
         Step::Predict(Stage::Backproject) => "placing anchors",
         Step::Predict(Stage::Knn) => "finding neighbours",
-        Step::Predict(Stage::Head | Stage::Decode) => "making Gaussians",
+        Step::Predict(Stage::Head | Stage::Decode | Stage::Shell) => "making Gaussians",
         Step::Render => "rendering",
         _ => "working",
     }

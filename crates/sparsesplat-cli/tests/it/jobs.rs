@@ -1,0 +1,177 @@
+//! What the commands do when all is well.
+
+use crate::tiny::{RANGE, SIZE, Tiny, call, read_json, window};
+use evaluate::{reconstruct_window, render_view};
+use gs_scene::{read_ply, write_ply};
+use serde_json::Value;
+use sparsesplat::{Budget, Config, DepthRange};
+use std::fs;
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
+}
+
+#[test]
+fn the_scene_has_as_many_gaussians_as_asked() {
+    let tiny = Tiny::new();
+    let json = tiny.beside("result.json");
+    let arguments =
+        ["--gaussians", "3k", "--depth-range", RANGE, "--views", "5", "--json", json.to_str().unwrap()];
+    let called = tiny.reconstruct(&arguments).succeeded();
+    assert!(called.stdout.contains("far shell"), "{}", called.stdout);
+    let n = read_ply(&tiny.beside("scene.ply")).unwrap().len();
+    assert!((2970..=3030).contains(&n), "{n}");
+    let result = read_json(&json);
+    assert_eq!((number(&result["gaussians"]), number(&result["views"])), (n as f64, 5.0));
+    for key in
+        ["load", "backbone", "sampling", "backproject", "knn", "head", "decode", "refine", "write", "total"]
+    {
+        assert!(number(&result["seconds"][key]) >= 0.0, "{key}");
+    }
+    for key in ["command", "git", "seed", "threads", "machine", "config", "versions"] {
+        assert!(result["recipe"].get(key).is_some(), "{key}");
+    }
+    assert!(result.get("peak_rss_bytes").is_some());
+    assert_eq!(result["choice"]["context"].as_array().unwrap().len(), 5);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
+    let tiny = Tiny::new();
+    let scene = |more: &[&str]| {
+        let arguments = [&["--gaussians", "1500", "--depth-range", RANGE], more].concat();
+        tiny.reconstruct(&arguments).succeeded();
+        fs::read(tiny.beside("scene.ply")).unwrap()
+    };
+    let one = scene(&["--threads", "1"]);
+    assert!(one == scene(&["--threads", "2"]), "1 and 2 threads differ");
+    assert!(one != scene(&["--seed", "1"]), "the seed has no effect");
+}
+
+#[test]
+fn a_written_and_read_scene_renders_as_before() {
+    let tiny = Tiny::new();
+    let config = Config {
+        budget: Budget::Gaussians(2000),
+        depth_range: DepthRange::Known { near: 2.0, far: 20.0 },
+        ..Config::default()
+    };
+    let scene = reconstruct_window(window(), &config, &mut |_| {}).unwrap().prediction.gaussians;
+    let path = tiny.beside("scene.ply");
+    write_ply(&path, &scene).unwrap();
+    let read = read_ply(&path).unwrap();
+
+    let output = tiny.beside("pictures");
+    let (root, positions) = (tiny.root(), "1,4");
+    let [scene_path, root, folder] = [&path, &root, &output].map(|path| path.to_str().unwrap());
+    call(&["render", scene_path, "--cameras", root, "-o", folder, "--positions", positions]).succeeded();
+    assert_eq!(fs::read_dir(&output).unwrap().count(), 2 * 3);
+
+    for (view, name) in [(&window().targets[0], "view-01"), (&window().context[2], "view-04")] {
+        assert_eq!(view.name(), name);
+        let before = render_view(&scene, view.camera()).unwrap().image;
+        let after = render_view(&read, view.camera()).unwrap().image;
+        let worst = before.data().iter().zip(after.data()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst <= 1e-3, "{name}: {worst}");
+        let decoder = image::open(output.join(format!("{name}.png"))).unwrap().to_rgb8();
+        assert_eq!((decoder.width() as usize, decoder.height() as usize), SIZE);
+        // The camera went through a file: a colour may fall on the other side of a rounding.
+        let pixels = decoder.as_raw().iter().zip(before.to_rgb8());
+        assert!(pixels.map(|(a, b)| a.abs_diff(b)).max() <= Some(1), "{name}");
+    }
+}
+
+#[test]
+fn an_evaluation_has_figures_for_every_window_and_names_what_it_dropped() {
+    let tiny = Tiny::new();
+    let index = r#"{"tiny/0": {"context": [0, 2, 4, 6], "target": [1, 3]}, "tiny/1": {"context": [4], "target": [5]}}"#;
+    fs::write(tiny.path("evaluation_index.json"), index).unwrap();
+    let json = tiny.beside("eval.json");
+    let report = tiny.beside("report.html");
+    let root = tiny.beside("");
+    let [root, json_path, report_path] = [&root, &json, &report].map(|path| path.to_str().unwrap());
+    let called = call(&[
+        "eval",
+        "--dataset",
+        "nerfstudio",
+        "--root",
+        root,
+        "--gaussians",
+        "1500",
+        "--depth-range",
+        "hint",
+        "--seeds",
+        "0,1",
+        "--json",
+        json_path,
+        "--report",
+        report_path,
+    ]);
+    // A window with one view cannot be reconstructed: it is dropped, and the exit code says so.
+    assert_eq!(called.code, Some(1), "{}{}", called.stdout, called.stderr);
+    assert!(called.stderr.contains("dropped tiny/1"), "{}", called.stderr);
+    assert!(called.stdout.contains("tiny/0") && called.stdout.contains('±'), "{}", called.stdout);
+
+    let result = read_json(&json);
+    assert_eq!(result["dropped"][0]["name"], "tiny/1");
+    assert!(result["dropped"][0]["reason"].as_str().unwrap().contains("two views"));
+    let scenes = result["scenes"].as_array().unwrap();
+    assert_eq!(scenes.len(), 1);
+    for row in [&scenes[0], &result["mean"]] {
+        assert!(number(&row["psnr_held_out"]) > 5.0);
+        assert!(number(&row["ssim_held_out"]) > 0.0);
+        assert!(number(&row["psnr_all"]) > 5.0);
+        assert!(row["lpips_held_out"].is_null());
+        assert!(number(&row["seconds"]["render"]) > 0.0);
+        assert!(number(&row["spread"]["psnr_held_out"]) > 0.0);
+    }
+    assert_eq!(scenes[0]["targets"], serde_json::json!([1, 3]));
+    assert!(number(&result["baselines"]["nearest_view"]["psnr_held_out"]) > 5.0);
+
+    let page = fs::read_to_string(&report).unwrap();
+    assert!(page.contains("tiny/0") && page.contains("data:image/jpeg;base64,") && page.contains("<svg"));
+    assert!(!page.contains("http://") && !page.contains("https://") && !page.contains("<script"));
+}
+
+#[test]
+fn the_demo_writes_scene_pictures_and_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("demo");
+    let arguments = [
+        "demo",
+        "--size",
+        "120x80",
+        "--gaussians",
+        "2k",
+        "--depth-range",
+        RANGE,
+        "-o",
+        output.to_str().unwrap(),
+    ];
+    let called = call(&arguments).succeeded();
+    assert!(called.stdout.contains("report.html"), "{}", called.stdout);
+    assert_eq!(read_ply(&output.join("scene.ply")).unwrap().len(), 2000);
+    let result = read_json(&output.join("result.json"));
+    assert!(number(&result["psnr_held_out"]) > number(&result["psnr_nearest_view"]) - 3.0);
+    assert!(fs::read_to_string(output.join("report.html")).unwrap().contains("view-05"));
+    assert!(output.join("images/view-05-rendered.png").is_file());
+    // No temporary file is left behind.
+    assert!(
+        fs::read_dir(&output).unwrap().all(|entry| !entry
+            .unwrap()
+            .path()
+            .to_string_lossy()
+            .ends_with(".tmp"))
+    );
+}
+
+#[test]
+fn help_teaches_and_the_doctor_passes() {
+    for command in ["demo", "reconstruct", "render", "eval"] {
+        let help = call(&[command, "--help"]).succeeded().stdout;
+        assert!(help.contains("Examples:") && help.contains(&format!("sparsesplat {command}")), "{help}");
+    }
+    assert!(call(&["--help"]).succeeded().stdout.contains("sparsesplat demo"));
+    assert!(call(&["doctor"]).succeeded().stdout.contains("self-test  passed"));
+    assert_eq!(call::<&str>(&[]).code, Some(2));
+}
