@@ -149,16 +149,16 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool>(
         let y = (splat.mean[1] - origin[1] as f64) as f32;
         let first = (y - splat.extent[1] - 0.5).ceil().max(0.0) as usize;
         let last = (y + splat.extent[1] - 0.5).floor().min((TILE - 1) as f32);
-        let (left, right) = (x - splat.extent[0], x + splat.extent[0]);
+        // Whether the ellipse reaches the left and the right half of the tile; finer tests cost more than they save.
+        let first_step = if x - splat.extent[0] <= centres[LANES - 1] { 0 } else { 1 };
+        let last_step = if x + splat.extent[0] >= centres[LANES] { 2 } else { 1 };
         let last = if last >= 0.0 { last as usize + 1 } else { 0 };
         for row in first..last {
             let dy = centres[row] - y;
             // The row's middle, and what the distance of the row takes from every pixel in it.
             let (middle, constant) = (x + splat.shear * dy, splat.falloff[1] * dy * dy + splat.log2_opacity);
-            for start in (0..TILE).step_by(LANES) {
-                if right < centres[start] || left > centres[start + LANES - 1] {
-                    continue;
-                }
+            for step in first_step..last_step {
+                let start = step * LANES;
                 let at = row * TILE + start;
                 let mut weight = [0.0; LANES];
                 {
@@ -168,12 +168,12 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool>(
                         let log2_alpha = mul_add::<FMA>(splat.falloff[0] * dx, dx, constant);
                         let alpha = exp2::<FMA>(log2_alpha).min(limits.alpha_max);
                         let before = transmittance[lane];
-                        let after = before * (1.0 - alpha);
                         let drawn = (log2_alpha >= limits.log2_alpha_min) & (before > 0.0);
-                        let last = after < limits.transmittance_min;
+                        let last = before * (1.0 - alpha) < limits.transmittance_min;
                         weight[lane] = if drawn & !last { before * alpha } else { 0.0 };
-                        let next = if last { -before } else { after };
-                        transmittance[lane] = if drawn { next } else { before };
+                        // A product, because the compiler turns a choice into a masked store, which is slow.
+                        let factor = if last { -1.0 } else { 1.0 - alpha };
+                        transmittance[lane] = before * if drawn { factor } else { 1.0 };
                     }
                 }
                 for (channel, &colour) in tile.rgb.iter_mut().zip(&splat.rgb) {
