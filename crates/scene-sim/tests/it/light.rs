@@ -148,7 +148,7 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
 #[test]
 fn four_samples_are_close_to_many() {
     let traced = Traced::new(&demo_scene()).unwrap();
-    let (context, _) = demo_cameras(120, 80).unwrap();
+    let (context, _) = demo_cameras(90, 60).unwrap();
     let picture = |samples| render_view(&traced, &context[0], samples, "view", 3).unwrap();
     let (four, many) = (picture(4), picture(144));
     let pairs = four.image().data().iter().zip(many.image().data());
@@ -157,6 +157,6 @@ fn four_samples_are_close_to_many() {
     assert!(psnr > 30.0, "4 samples differ from 144 by {psnr:.1} dB");
     // Numbers of samples that are no squares are used in full too.
     for samples in [1, 2, 6, 7] {
-        assert_eq!(picture(samples).image().width(), 120);
+        assert_eq!(picture(samples).image().width(), 90);
     }
 }

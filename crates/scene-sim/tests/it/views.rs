@@ -12,7 +12,7 @@ fn walk() -> Vec<View> {
     for (index, camera) in held_out.iter().enumerate() {
         cameras.insert(2 * index + 1, *camera);
     }
-    cameras.iter().map(|camera| render_view(&traced, camera, 16, "view", 0).unwrap()).collect()
+    cameras.iter().map(|camera| render_view(&traced, camera, 9, "view", 0).unwrap()).collect()
 }
 
 /// Colour at a point of the image, bilinear between pixel centres; `None` next to the border.
@@ -82,13 +82,13 @@ fn nothing_of_the_demonstration_is_dropped() {
 
 #[test]
 fn varied_scenes_are_different_sound_and_fit_for_stereo() {
-    for seed in [0, 1, 2, 3, 5, 8, 13, 1 << 40] {
+    for seed in [0, 1, 2, 7, 13, 1 << 40] {
         let scene = varied_scene(seed);
         assert_eq!(scene, varied_scene(seed));
         assert_ne!(scene, varied_scene(seed + 1));
         let traced = Traced::new(&scene).unwrap();
         assert!(traced.dropped().is_empty());
-        let cameras = varied_cameras(seed, 120, 80, 5).unwrap();
+        let cameras = varied_cameras(seed, 90, 60, 5).unwrap();
         let render = |camera| render_view(&traced, camera, 4, "view", 0).unwrap();
         let views: Vec<View> = cameras.iter().map(render).collect();
         for pair in views.windows(2) {
