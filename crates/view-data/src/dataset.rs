@@ -116,11 +116,9 @@ pub(crate) fn nearest_rotation(matrix: DMat3) -> std::result::Result<DMat3, Tran
     }
     let mut rotation = matrix * determinant.cbrt().recip();
     let gram = rotation * rotation.transpose() - DMat3::IDENTITY;
-    // NaN, as from a zero matrix, must not pass.
-    let deviation = gram.to_cols_array().into_iter().fold(0.0, |worst: f64, entry| {
-        if entry.abs() <= worst { worst } else { entry.abs() }
-    });
-    if !(deviation <= ROUNDED_ROTATION) {
+    let deviation = gram.to_cols_array().into_iter().fold(0.0, |worst: f64, entry| worst.max(entry.abs()));
+    // A zero matrix gives NaN, which `max` passes over.
+    if deviation > ROUNDED_ROTATION || !rotation.is_finite() {
         return Err(TransformsRule::NotARotation { deviation });
     }
     // Convergence is quadratic: 1e-2, 1e-4, 1e-8, 1e-16.

@@ -187,7 +187,9 @@ pub enum Error {
         connected: usize,
     },
     /// A depth range that is none.
-    #[error("scene depth is near {near}, median {median}, far {far}; expected 0 < near <= median <= far < infinity")]
+    #[error(
+        "scene depth is near {near}, median {median}, far {far}; expected 0 < near <= median <= far < infinity"
+    )]
     SceneDepth {
         /// Nearest depth.
         near: f64,
@@ -232,7 +234,9 @@ pub enum TransformsRule {
     #[error("frames is empty, expected at least one frame")]
     NoFrames,
     /// There is no focal length.
-    #[error("no intrinsics: neither fl_x (pixels) nor camera_angle_x (radians) is given, per frame or for the file")]
+    #[error(
+        "no intrinsics: neither fl_x (pixels) nor camera_angle_x (radians) is given, per frame or for the file"
+    )]
     NoFocal,
     /// A key is given on some frames only, and not for the whole file.
     #[error("{key} is missing here but given on other frames; give it on every frame or once for the file")]
@@ -241,7 +245,7 @@ pub enum TransformsRule {
         key: &'static str,
     },
     /// A picture size that is none.
-    #[error("{key} is {found}, expected a whole number of pixels from 1 to {}", super::nerfstudio::MAX_SIDE)]
+    #[error("{key} is {found}, expected a whole number of pixels from 1 to {}", crate::nerfstudio::MAX_SIDE)]
     Side {
         /// `w` or `h`.
         key: &'static str,
@@ -259,7 +263,7 @@ pub enum TransformsRule {
         expected: &'static str,
     },
     /// A camera model that is not a pinhole with radial and tangential distortion.
-    #[error("camera_model {found:?} is not supported, expected one of {}", super::nerfstudio::MODELS.join(", "))]
+    #[error("camera_model {found:?} is not supported, expected one of {}", crate::nerfstudio::MODELS.join(", "))]
     Model {
         /// The model.
         found: String,
@@ -273,7 +277,9 @@ pub enum TransformsRule {
         found: f64,
     },
     /// A pinhole model with distortion.
-    #[error("camera_model {model} has no distortion, but a distortion coefficient is not 0; set the model to OPENCV")]
+    #[error(
+        "camera_model {model} has no distortion, but a distortion coefficient is not 0; set the model to OPENCV"
+    )]
     DistortedPinhole {
         /// The model.
         model: String,
@@ -307,8 +313,8 @@ pub enum TransformsRule {
     #[error("transform_matrix mirrors the scene (its determinant is negative); is an axis flipped?")]
     Mirrored,
     /// Focal lengths, principal point or size make no camera.
-    #[error("the camera is not valid")]
-    Camera(#[source] gs_scene::Error),
+    #[error("the camera is not valid: {0}")]
+    Camera(gs_scene::Error),
     /// Two frames name the same picture.
     #[error("same picture as frame {first}")]
     DuplicateFrame {

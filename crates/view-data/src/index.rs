@@ -83,8 +83,8 @@ impl EvaluationIndex {
 pub fn read_index(path: &Path) -> Result<EvaluationIndex> {
     let text = std::fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     let broken = |key: &str, rule| Error::Index { path: path.to_path_buf(), key: key.to_owned(), rule };
-    let Entries(mut entries) = serde_json::from_slice(&text)
-        .map_err(|source| Error::Json { path: path.to_path_buf(), source })?;
+    let Entries(mut entries) =
+        serde_json::from_slice(&text).map_err(|source| Error::Json { path: path.to_path_buf(), source })?;
     if entries.is_empty() {
         return Err(broken("", IndexRule::Empty));
     }

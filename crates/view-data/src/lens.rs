@@ -36,8 +36,10 @@ impl Distortion {
         let r2 = direction.length_squared();
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
         let slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3));
-        let tangential =
-            DVec2::new(2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x), p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y);
+        let tangential = DVec2::new(
+            2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        );
         let off_diagonal = x * y * slope + 2.0 * (p1 * x + p2 * y);
         let jacobian = DMat2::from_cols_array(&[
             radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
@@ -81,6 +83,9 @@ impl Lens {
     #[must_use]
     pub fn undistort(&self, pixel: DVec2) -> Option<DVec2> {
         let seen = self.intrinsics.ray(pixel).truncate();
+        if !seen.length().is_finite() {
+            return None;
+        }
         let mut direction = seen;
         let (mut distorted, mut jacobian) = self.distortion.apply(direction);
         if !is_positive_definite(&jacobian) {
@@ -90,7 +95,7 @@ impl Lens {
         }
         for _ in 0..MAX_NEWTON_STEPS {
             let residual = seen - distorted;
-            if !(residual.length() > 1e-15 * (1.0 + seen.length())) {
+            if residual.length() <= 1e-15 * (1.0 + seen.length()) {
                 break;
             }
             let mut step = jacobian.inverse() * residual;

@@ -34,7 +34,8 @@ impl Dataset {
         let views = views.into_iter().collect::<Result<Vec<_>>>()?;
         let shape = |view: &View| (view.camera().width(), view.camera().height());
         for pair in views.windows(2) {
-            let ((first_width, first_height), (second_width, second_height)) = (shape(&pair[0]), shape(&pair[1]));
+            let ((first_width, first_height), (second_width, second_height)) =
+                (shape(&pair[0]), shape(&pair[1]));
             if shape(&pair[0]) != shape(&pair[1]) {
                 return Err(Error::MixedSizes {
                     first: pair[0].name().to_owned(),
@@ -72,8 +73,7 @@ fn load(frame: &Frame, size: Option<(usize, usize)>) -> Result<View> {
         let grid = DepthGrid { file, frame: &frame.name, picture: (file_width, file_height) };
         grid.sample(fit.intrinsics, |position| undistortion.source(fit.source(position)))
     });
-    let camera =
-        Camera::from_camera_to_world(fit.intrinsics, frame.axes, frame.position).map_err(invalid)?;
+    let camera = Camera::from_camera_to_world(fit.intrinsics, frame.axes, frame.position).map_err(invalid)?;
     View::new(frame.name.clone(), image, camera, depth.transpose()?).map_err(invalid)
 }
 
@@ -116,8 +116,9 @@ impl Fit {
         if (from_width, from_height) == (width, height) {
             return Ok(image);
         }
-        let source = ImageBuffer::<Rgb<f32>, _>::from_raw(from_width as u32, from_height as u32, image.data())
-            .expect("an Image holds as many values as its size says");
+        let source =
+            ImageBuffer::<Rgb<f32>, _>::from_raw(from_width as u32, from_height as u32, image.data())
+                .expect("an Image holds as many values as its size says");
         let resized = resize(&source, self.resized.0 as u32, self.resized.1 as u32, FilterType::Lanczos3);
         let row_length = self.resized.0 * 3;
         let rows = resized.as_raw().chunks_exact(row_length).skip(self.top).take(height);
@@ -153,7 +154,8 @@ impl DepthGrid<'_> {
         for y in 0..view.height {
             for x in 0..view.width {
                 let position = to_picture(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
-                let count = counts[nearest(position.y * sy, height) * width + nearest(position.x * sx, width)];
+                let count =
+                    counts[nearest(position.y * sy, height) * width + nearest(position.x * sx, width)];
                 data.push((f64::from(count) * self.file.unit) as f32);
             }
         }

@@ -5,7 +5,9 @@ mod keys;
 mod pictures;
 
 use crate::dataset::nearest_rotation;
-use crate::{Dataset, DepthFile, DepthPercentiles, Distortion, Error, Frame, Lens, Result, TransformsRule as Rule};
+use crate::{
+    Dataset, DepthFile, DepthPercentiles, Distortion, Error, Frame, Lens, Result, TransformsRule as Rule,
+};
 use glam::{DMat3, DVec3};
 use gs_scene::Intrinsics;
 use keys::Keys;
@@ -103,7 +105,8 @@ pub fn open_nerfstudio(path: &Path) -> Result<Dataset> {
 fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: f64) -> Result<Frame> {
     let file_path = keys.text("file_path")?.filter(|path| !path.is_empty());
     let file_path = file_path.ok_or_else(|| keys.broken(Rule::MissingKey { key: "file_path" }))?;
-    let image_path = pictures.find(file_path).map_err(|folders| keys.broken(Rule::AmbiguousPicture { folders }))?;
+    let image_path =
+        pictures.find(file_path).map_err(|folders| keys.broken(Rule::AmbiguousPicture { folders }))?;
     let lens = read_lens(keys, shared, &image_path)?;
     let matrix = keys.matrix("transform_matrix")?;
     let matrix = matrix.ok_or_else(|| keys.broken(Rule::MissingKey { key: "transform_matrix" }))?;
@@ -190,7 +193,8 @@ fn depth_percentiles(shared: &Keys) -> Result<Option<DepthPercentiles>> {
 
 /// Names frames by the stem of their file, or by the whole path if a stem occurs twice.
 fn name_frames(frames: &mut [Frame], keys: &[Keys]) {
-    let stem = |frame: &Frame| frame.image_path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let stem =
+        |frame: &Frame| frame.image_path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut count: HashMap<String, usize> = HashMap::new();
     for frame in &*frames {
         *count.entry(stem(frame)).or_default() += 1;

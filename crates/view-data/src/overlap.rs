@@ -10,8 +10,9 @@ const GRID: usize = 6;
 const DEPTHS: usize = 3;
 /// Points that stand for a view's content.
 pub(crate) const POINTS: usize = GRID * GRID * DEPTHS;
-/// Cosine of the largest angle between two rays to a point that still show the same surface: 60 degrees.
-const MIN_COS: f64 = 0.5;
+/// Squared cosine of the largest angle between two rays to a point under which photographs of it still match: 30
+/// degrees, about where feature tracks break off.
+const MIN_COS2: f64 = 0.75;
 
 /// Thousandths; a distance of 0 is the same view, 1 shares nothing or is one median depth away, 3 is the largest.
 const DISTANCE_UNIT: f64 = 1000.0;
@@ -101,8 +102,8 @@ impl Content {
                     & (u <= width * point.z)
                     & (v <= height * point.z);
                 let along = direction.dot(point);
-                let same_side = (along > 0.0)
-                    & (along * along >= MIN_COS * MIN_COS * ray_length2 * point.length_squared());
+                let same_side =
+                    (along > 0.0) & (along * along >= MIN_COS2 * ray_length2 * point.length_squared());
                 seen += u8::from(inside & same_side);
             }
         }

@@ -59,7 +59,8 @@ fn decode(path: &Path, frame: &str) -> Result<DynamicImage> {
     }
     let damaged = |source| Error::Picture { path: path.to_path_buf(), source };
     let reader = || ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
-    let header = reader().map_err(ImageError::IoError).and_then(ImageReader::into_dimensions).map_err(damaged)?;
+    let header =
+        reader().map_err(ImageError::IoError).and_then(ImageReader::into_dimensions).map_err(damaged)?;
     check_pixels(&path.display().to_string(), header.0 as usize, header.1 as usize)?;
     reader().map_err(ImageError::IoError).and_then(ImageReader::decode).map_err(damaged)
 }

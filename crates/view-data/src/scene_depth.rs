@@ -60,8 +60,9 @@ const FAR: f64 = 2.0;
 const DEPTH_PER_SPREAD: f64 = 2.0;
 /// Median depth over the distance to the nearest camera, at most: real captures have 4 to 28.
 const MAX_DEPTH_PER_STEP: f64 = 30.0;
-/// Least angle, about, by which the axes must converge for their meeting point to mean something: 10 degrees.
-const MIN_CONVERGENCE: f64 = 0.17;
+/// Least mean squared sine of the angle between the axes and their common direction that gives a meeting point: 5
+/// degrees.
+const MIN_CONVERGENCE: f64 = 0.0076;
 /// Least share of cameras that must have the meeting point in front.
 const MIN_IN_FRONT: f64 = 0.8;
 
@@ -70,17 +71,17 @@ fn focus_depth(cameras: &[Camera]) -> Option<f64> {
     // Minimises Σ |(I - d dᵀ)(x - c)|²; positions are taken from their mean to keep digits far from the origin.
     let count = cameras.len() as f64;
     let mean = cameras.iter().map(Camera::position).sum::<DVec3>() / count;
-    let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+    let (mut along, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for camera in cameras {
         let axis = camera.forward();
-        let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
-        matrix += across * count.recip();
-        right += across * (camera.position() - mean) * count.recip();
+        let projection = DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        along += projection * count.recip();
+        right += (DMat3::IDENTITY - projection) * (camera.position() - mean) * count.recip();
     }
-    // The smallest eigenvalue is the mean squared sine of the axes' angles to their common direction.
-    if !(smallest_eigenvalue(&matrix) > MIN_CONVERGENCE * MIN_CONVERGENCE * 0.25) {
+    if 1.0 - largest_eigenvalue(&along) < MIN_CONVERGENCE {
         return None;
     }
+    let matrix = DMat3::IDENTITY - along;
     let focus = mean + matrix.inverse() * right;
     let mut depths: Vec<f64> = cameras.iter().map(|camera| camera.to_camera(focus).z).collect();
     let in_front = depths.iter().filter(|&&depth| depth > 0.0).count() as f64;
@@ -88,22 +89,11 @@ fn focus_depth(cameras: &[Camera]) -> Option<f64> {
     (in_front >= MIN_IN_FRONT * count && depth.is_finite()).then_some(depth)
 }
 
-/// Smallest eigenvalue of a symmetric positive semi-definite matrix, by iteration on its adjugate (which has the same
-/// eigenvectors, and there the smallest becomes the largest).
-fn smallest_eigenvalue(matrix: &DMat3) -> f64 {
-    let (a, b, c) = (matrix.x_axis, matrix.y_axis, matrix.z_axis);
-    let adjugate = DMat3::from_cols(b.cross(c), c.cross(a), a.cross(b));
-    let start = [adjugate.x_axis, adjugate.y_axis, adjugate.z_axis];
-    let mut vector = start.into_iter().fold(DVec3::X, |longest, column| {
-        if column.length_squared() > longest.length_squared() * 1e-300 && column.length() > longest.length() {
-            column
-        } else {
-            longest
-        }
-    });
-    for _ in 0..50 {
-        vector = (adjugate * vector).normalize_or(vector);
-    }
+/// Largest eigenvalue of a symmetric positive semi-definite matrix of trace 1, by power iteration.
+fn largest_eigenvalue(matrix: &DMat3) -> f64 {
+    let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
+    let longest = columns.into_iter().fold(DVec3::ZERO, |a, b| if b.length() > a.length() { b } else { a });
+    let vector = (0..50).fold(longest.normalize(), |vector, _| (*matrix * vector).normalize());
     vector.dot(*matrix * vector)
 }
 
@@ -118,7 +108,8 @@ fn spacing_depth(cameras: &[Camera]) -> Option<f64> {
     let step = median(&mut steps)?;
     let count = positions.len() as f64;
     let mean = positions.iter().sum::<DVec3>() / count;
-    let spread = (positions.iter().map(|position| position.distance_squared(mean)).sum::<f64>() / count).sqrt();
+    let spread =
+        (positions.iter().map(|position| position.distance_squared(mean)).sum::<f64>() / count).sqrt();
     let depth = (DEPTH_PER_SPREAD * spread).min(MAX_DEPTH_PER_STEP * step);
     depth.is_finite().then_some(depth)
 }

@@ -73,7 +73,13 @@ impl<'a> Keys<'a> {
         self.broken(Rule::Type { key: key.to_owned(), expected, found: type_name(found) })
     }
 
-    pub(super) fn require(&self, holds: bool, key: &'static str, found: f64, expected: &'static str) -> Result<()> {
+    pub(super) fn require(
+        &self,
+        holds: bool,
+        key: &'static str,
+        found: f64,
+        expected: &'static str,
+    ) -> Result<()> {
         if holds { Ok(()) } else { Err(self.broken(Rule::Range { key, found, expected })) }
     }
 

@@ -1,0 +1,10 @@
+//! `folder` makes data sets to read; `nerfstudio` reads their JSON, `load` their pictures and depth, `lens` checks the
+//! distortion model, `index` the evaluation index, `select` the choice of views.
+
+mod folder;
+
+mod index;
+mod lens;
+mod load;
+mod nerfstudio;
+mod select;
