@@ -31,20 +31,14 @@ Checks for developers:
 const FORWARDED: [&str; 5] = ["demo", "reconstruct", "render", "eval", "doctor"];
 
 fn main() -> ExitCode {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .expect("xtask lies one folder below the workspace");
+    let root =
+        Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask lies one folder below the workspace");
     let mut arguments = env::args_os().skip(1);
     let command = arguments.next().unwrap_or_else(|| "--help".into());
     let rest: Vec<OsString> = arguments.collect();
     match command.to_str() {
         Some(name) if FORWARDED.contains(&name) => forward(root, name, &rest),
-        Some("test") => run::exit_code(
-            cargo(["test", "--workspace"])
-                .args(rest)
-                .current_dir(root)
-                .status(),
-        ),
+        Some("test") => run::exit_code(cargo(["test", "--workspace"]).args(rest).current_dir(root).status()),
         Some("tidy") => run::all(root, &[TIDY]),
         Some("ci") => run::all(root, &CI),
         Some("help" | "-h" | "--help") => {
@@ -66,11 +60,7 @@ fn forward(root: &Path, command: &str, arguments: &[OsString]) -> ExitCode {
         Ok(built) if built.success() => {
             // The folder of the caller stays the current one, so that relative paths mean what they say.
             let mut run = cargo(["run", "--quiet"]);
-            run.args(BINARY)
-                .arg(&manifest)
-                .arg("--")
-                .arg(command)
-                .args(arguments);
+            run.args(BINARY).arg(&manifest).arg("--").arg(command).args(arguments);
             run::exit_code(run.status())
         }
         failed => run::exit_code(failed),
@@ -83,15 +73,7 @@ const TIDY: Step = Step::Check("tidy", tidy::check);
 const CI: [Step; 5] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
-    Step::Cargo(
-        "clippy",
-        &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"],
-        &[],
-    ),
+    Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
     Step::Cargo("test", &["xtask", "test"], &[]),
-    Step::Cargo(
-        "doc",
-        &["doc", "--workspace", "--no-deps"],
-        &[("RUSTDOCFLAGS", "-Dwarnings")],
-    ),
+    Step::Cargo("doc", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-Dwarnings")]),
 ];

@@ -10,11 +10,7 @@ use std::time::Instant;
 /// One step of a list.
 pub(crate) enum Step {
     /// A call of cargo: name, arguments, environment.
-    Cargo(
-        &'static str,
-        &'static [&'static str],
-        &'static [(&'static str, &'static str)],
-    ),
+    Cargo(&'static str, &'static [&'static str], &'static [(&'static str, &'static str)]),
     /// A check of our own, which returns what is wrong, one line each.
     Check(&'static str, fn(&Path) -> io::Result<Vec<String>>),
 }
@@ -29,10 +25,9 @@ pub(crate) fn cargo<const N: usize>(arguments: [&str; N]) -> Command {
 /// The exit code of a child, to be our own; 1 where it has none (a signal).
 pub(crate) fn exit_code(status: io::Result<ExitStatus>) -> ExitCode {
     match status {
-        Ok(status) => status
-            .code()
-            .and_then(|code| u8::try_from(code).ok())
-            .map_or(ExitCode::FAILURE, ExitCode::from),
+        Ok(status) => {
+            status.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from)
+        }
         Err(error) => {
             eprintln!("error: cargo does not start: {error}");
             ExitCode::FAILURE
@@ -49,10 +44,7 @@ pub(crate) fn all(root: &Path, steps: &[Step]) -> ExitCode {
             Step::Cargo(name, arguments, environment) => {
                 println!("== {name}: cargo {}", arguments.join(" "));
                 let mut command = cargo([]);
-                command
-                    .args(*arguments)
-                    .envs(environment.iter().copied())
-                    .current_dir(root);
+                command.args(*arguments).envs(environment.iter().copied()).current_dir(root);
                 (name, command.status().map(|status| status.success()))
             }
             Step::Check(name, check) => {

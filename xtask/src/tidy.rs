@@ -24,10 +24,7 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
         };
         let name = file.display();
         if metadata.len() > LARGEST_FILE {
-            problems.push(format!(
-                "{name}: {} bytes, at most {LARGEST_FILE} are allowed",
-                metadata.len()
-            ));
+            problems.push(format!("{name}: {} bytes, at most {LARGEST_FILE} are allowed", metadata.len()));
             continue;
         }
         match file.extension().and_then(|extension| extension.to_str()) {
@@ -35,9 +32,7 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
                 let text = fs::read_to_string(&path)?;
                 let lines = text.lines().count();
                 if lines > LONGEST_SOURCE {
-                    problems.push(format!(
-                        "{name}: {lines} lines, at most {LONGEST_SOURCE} are allowed"
-                    ));
+                    problems.push(format!("{name}: {lines} lines, at most {LONGEST_SOURCE} are allowed"));
                 }
             }
             Some("md") => {
@@ -52,14 +47,9 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
     }
     for folder in fs::read_dir(root.join("crates"))? {
         let name = folder?.file_name();
-        if CATCH_ALL
-            .iter()
-            .any(|catch_all| name.to_string_lossy().split('-').any(|word| word == *catch_all))
+        if CATCH_ALL.iter().any(|catch_all| name.to_string_lossy().split('-').any(|word| word == *catch_all))
         {
-            problems.push(format!(
-                "crates/{}: name a crate after what it does",
-                name.to_string_lossy()
-            ));
+            problems.push(format!("crates/{}: name a crate after what it does", name.to_string_lossy()));
         }
     }
     Ok(problems)
@@ -72,9 +62,7 @@ fn files(root: &Path) -> io::Result<Vec<PathBuf>> {
         .current_dir(root)
         .output()?;
     if !list.status.success() {
-        return Err(io::Error::other(
-            "tidy needs a git checkout: `git ls-files` failed",
-        ));
+        return Err(io::Error::other("tidy needs a git checkout: `git ls-files` failed"));
     }
     let names = String::from_utf8_lossy(&list.stdout);
     Ok(names.split_terminator('\0').map(PathBuf::from).collect())
@@ -103,16 +91,12 @@ fn is_ours(path: &str) -> bool {
         "crates", "docs", "fixtures", "shaders", "xtask", ".ci", ".cargo", "src", "tests", "benches",
         "examples",
     ];
-    path.split('/')
-        .find(|part| !matches!(*part, "." | ".."))
-        .is_some_and(|first| FOLDERS.contains(&first))
+    path.split('/').find(|part| !matches!(*part, "." | "..")).is_some_and(|first| FOLDERS.contains(&first))
 }
 
 /// A path may be meant from the root or from the folder of the document.
 fn resolves(root: &Path, folder: &Path, path: &str) -> bool {
-    let stays_inside = Path::new(path)
-        .components()
-        .all(|part| part != Component::ParentDir);
+    let stays_inside = Path::new(path).components().all(|part| part != Component::ParentDir);
     (stays_inside && root.join(path).exists()) || root.join(folder).join(path).exists()
 }
 

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 /// What every command takes.
 #[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Every command")]
 pub(crate) struct Common {
     /// Also write the result as JSON, with all it takes to repeat it
     #[arg(long, value_name = "PATH", global = true)]

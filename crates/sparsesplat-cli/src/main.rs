@@ -17,7 +17,7 @@ use clap::{Parser, Subcommand};
 use failure::{OrFail, Outcome};
 use std::process::ExitCode;
 
-/// Posed photographs in, a compact set of 3D Gaussians out, in one pass: no training, no weights, no GPU.
+/// Posed photographs in, a compact set of 3D Gaussians out, in one pass; no GPU needed
 #[derive(Debug, Parser)]
 #[command(version, after_help = HELP)]
 struct Cli {

@@ -1,5 +1,7 @@
 //! The binary as a user calls it.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking, as tests do")]
+
 mod hostile;
 mod jobs;
 mod tiny;
