@@ -8,7 +8,7 @@ use crate::RenderSettings;
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
 use rayon::prelude::*;
-use std::f64::consts::LOG2_E;
+use std::f64::consts::{LN_2, LOG2_E};
 
 /// Gaussians per task; fixed, so that the result does not depend on the number of threads.
 const CHUNK: usize = 4096;
@@ -110,6 +110,10 @@ struct Projector<'a> {
     /// Least and largest x/z and y/z at which the Jacobian is evaluated: the image and 15 % of its size around it.
     slope_min: [f64; 2],
     slope_max: [f64; 2],
+    /// Squared Mahalanobis distance that bounds the footprint of an opaque Gaussian.
+    bound_max: f64,
+    /// Standard deviation of the low-pass filter, pixels.
+    sigma_min: f64,
 }
 
 impl<'a> Projector<'a> {
@@ -128,6 +132,8 @@ impl<'a> Projector<'a> {
             size,
             slope_min: [0, 1].map(|axis| -centre[axis] / focal[axis] - margin(axis)),
             slope_max: [0, 1].map(|axis| (size[axis] - centre[axis]) / focal[axis] + margin(axis)),
+            bound_max: -2.0 * f64::from(settings.alpha_min).ln() + BOUND_SLACK,
+            sigma_min: f64::from(settings.eps2d).sqrt(),
         }
     }
 
@@ -150,6 +156,24 @@ impl<'a> Projector<'a> {
             return Outcome::Culled;
         }
 
+        let inverse_z = p.z.recip();
+        let slope = [p.x * inverse_z, p.y * inverse_z];
+        let centre = [self.focal[0] * slope[0] + self.centre[0], self.focal[1] * slope[1] + self.centre[1]];
+        let clamp = |i: usize| slope[i].clamp(self.slope_min[i], self.slope_max[i]);
+        let clamped = [clamp(0), clamp(1)];
+        let outside =
+            |i: usize, extent: f64| centre[i] + extent < 0.5 || centre[i] - extent > self.size[i] - 0.5;
+        // Most Gaussians outside the image are far outside: an opaque ball around such a one misses it, too. The ball
+        // is a little larger because a valid rotation may be off by 1e-4.
+        let radius = 1.001 * vector(LOG_SCALE).max_element().exp();
+        let reach = |i: usize| {
+            let jacobian = self.focal[i] * inverse_z * (1.0 + clamped[i] * clamped[i]).sqrt();
+            self.bound_max.sqrt() * (jacobian * radius + self.sigma_min)
+        };
+        if outside(0, reach(0)) || outside(1, reach(1)) {
+            return Outcome::Culled;
+        }
+
         let q = QUATERNION.start;
         let quaternion = DQuat::from_xyzw(
             f64::from(row[q + 1]),
@@ -161,22 +185,21 @@ impl<'a> Projector<'a> {
         if norm == 0.0 {
             return Outcome::Rejected;
         }
-        let axes = DMat3::from_quat(quaternion / norm);
+        let axes = DMat3::from_quat(quaternion * norm.recip());
         let scale = vector(LOG_SCALE).exp();
         if scale.max_element() > f64::from(f32::MAX) {
             return Outcome::Rejected;
         }
         let scale = scale.min(DVec3::splat(SIGMA_MAX * p.z / self.focal[0].max(self.focal[1])));
 
-        // Rows of J · Rv · R · S, J evaluated at the clamped direction.
-        let slope = [p.x / p.z, p.y / p.z];
+        // Rows of V = J · Rv · R · S, J evaluated at the clamped direction.
         let rotation_rows = [self.rotation.row(0), self.rotation.row(1)];
         let forward = self.rotation.row(2);
-        let [u, v] = [0, 1].map(|i| {
-            let clamped = slope[i].clamp(self.slope_min[i], self.slope_max[i]);
-            let jacobian = (rotation_rows[i] - forward * clamped) * (self.focal[i] / p.z);
+        let row_of_v = |i: usize| {
+            let jacobian = (rotation_rows[i] - forward * clamped[i]) * (self.focal[i] * inverse_z);
             axes.transpose() * jacobian * scale
-        });
+        };
+        let (u, v) = (row_of_v(0), row_of_v(1));
         // The 2D covariance [a b; b c]; its determinant as a sum of positive terms (Cauchy–Binet), because
         // a c - b² cancels for needles.
         let eps = f64::from(settings.eps2d);
@@ -195,19 +218,19 @@ impl<'a> Projector<'a> {
         }
 
         // alpha ≥ alpha_min where the squared Mahalanobis distance is at most `bound`.
-        let bound = 2.0 * (opacity / alpha_min).ln() + BOUND_SLACK;
+        let log2_opacity = opacity.log2();
+        let bound = 2.0 * LN_2 * log2_opacity + self.bound_max;
         let extent = [(bound * a).sqrt(), (bound * c).sqrt()];
-        let centre = [0, 1].map(|i| self.focal[i] * slope[i] + self.centre[i]);
-        let half_width = (bound * det / c).sqrt();
+        let inverse_c = c.recip();
+        let half_width = (bound * det * inverse_c).sqrt();
         // The conic [A B; B C] in the form A (dx - shear dy)² + dy² / c, with A = c / det and shear = -B / A = b / c.
-        let falloff = [c / det, 1.0 / c].map(|value| -0.5 * LOG2_E * value);
-        let shear = b / c;
+        let falloff = [-0.5 * LOG2_E * c / det, -0.5 * LOG2_E * inverse_c];
+        let shear = b * inverse_c;
         let numbers = [extent[0], extent[1], half_width, centre[0], centre[1], falloff[0], falloff[1], shear];
         if !numbers.iter().all(|value| value.is_finite()) {
             return Outcome::Rejected;
         }
-        let inside = |i: usize| centre[i] + extent[i] >= 0.5 && centre[i] - extent[i] <= self.size[i] - 0.5;
-        if !(inside(0) && inside(1)) {
+        if outside(0, extent[0]) || outside(1, extent[1]) {
             return Outcome::Culled;
         }
 
@@ -218,11 +241,11 @@ impl<'a> Projector<'a> {
         }
         Outcome::Visible(Splat {
             mean: centre,
-            falloff: falloff.map(|value| value as f32),
-            log2_opacity: opacity.log2() as f32,
+            falloff: [falloff[0] as f32, falloff[1] as f32],
+            log2_opacity: log2_opacity as f32,
             rgb: rgb.map(|channel| channel.max(0.0)),
             depth: p.z as f32,
-            extent: extent.map(|value| value as f32),
+            extent: [extent[0] as f32, extent[1] as f32],
             shear: shear as f32,
             half_width: half_width as f32,
         })

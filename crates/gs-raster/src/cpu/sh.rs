@@ -1,6 +1,6 @@
 //! Real spherical harmonics with the Condon–Shortley sign, degree 0 to 3, m = -l..l, as the 3DGS PLY stores them.
 
-use gs_scene::SH_C0;
+use gs_scene::{SH_C0, sh_coefficients};
 
 const C1: f32 = 0.488_602_5;
 const C2: [f32; 5] = [1.092_548_4, -1.092_548_4, 0.315_391_57, -1.092_548_4, 0.546_274_2];
@@ -10,12 +10,14 @@ const C3: [f32; 7] =
 /// ½ + Σ Y_k(direction) · sh_k per channel, before the cut at 0; `sh` is `[(degree+1)², 3]`, `direction` of unit length.
 #[inline]
 pub(crate) fn colour<const DEGREE: usize>(direction: [f32; 3], sh: &[f32]) -> [f32; 3] {
+    // One check of the length instead of one per coefficient.
+    let sh = &sh[..3 * sh_coefficients(DEGREE)];
     let [x, y, z] = direction;
     let mut rgb = [0.5; 3];
     let mut add = |k: usize, basis: f32| {
-        for (channel, coefficient) in rgb.iter_mut().zip(&sh[3 * k..3 * k + 3]) {
-            *channel += basis * coefficient;
-        }
+        rgb[0] += basis * sh[3 * k];
+        rgb[1] += basis * sh[3 * k + 1];
+        rgb[2] += basis * sh[3 * k + 2];
     };
     add(0, SH_C0);
     if DEGREE >= 1 {
