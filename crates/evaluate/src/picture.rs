@@ -26,7 +26,7 @@ pub struct DepthScale {
 }
 
 impl DepthScale {
-    /// The scale that shows 98 % of the given z-depths, with the rest at its ends; 0 is no depth. Depths that are all
+    /// The scale that shows 96 % of the given z-depths, with the rest at its ends; 0 is no depth. Depths that are all
     /// alike, or none, have a scale too.
     pub fn of<'a>(depths: impl IntoIterator<Item = &'a [f32]>) -> Self {
         // Every 7th pixel is plenty for two percentiles, and 7 divides few widths.
@@ -41,7 +41,7 @@ impl DepthScale {
         }
         inverse.sort_unstable_by(f32::total_cmp);
         let last = inverse.len() - 1;
-        let (far, near) = (inverse[last / 100], inverse[last - last / 100]);
+        let (far, near) = (inverse[last / 50], inverse[last - last / 50]);
         if near > far { Self { far, near } } else { Self { far: far * 0.5, near: far * 1.5 } }
     }
 

@@ -6,6 +6,7 @@ use crate::page::{bars, escape, figure, legend, table, tile};
 use crate::picture::{DepthScale, ERROR_GAIN, Picture};
 use crate::table::{Table, count, decibel, number};
 use crate::{Outcome, Result, Window};
+use sparsesplat::ViewGeometry;
 use std::fmt::Write;
 
 /// How much of a window a page shows: the file's size is made of pictures.
@@ -93,7 +94,8 @@ impl Report {
     pub fn window(&mut self, window: &Window, outcome: &Outcome, limits: PictureLimits) -> Result<()> {
         assert_eq!(outcome.renderings.len(), window.targets.len(), "a rendering per target");
         assert_eq!(outcome.prediction.geometry.len(), window.context.len(), "depth for each context view");
-        let scale = DepthScale::of(outcome.prediction.geometry.iter().map(|geometry| geometry.depth.data()));
+        let confident: Vec<Vec<f32>> = outcome.prediction.geometry.iter().map(confident_depth).collect();
+        let scale = DepthScale::of(confident.iter().map(Vec::as_slice));
         let anchor = format!("w{}", self.links.len());
         let mut html = format!("<section><h2 id=\"{anchor}\">{}</h2>\n", escape(&window.name));
         let _ = writeln!(html, "<p class=\"soft\">{}</p>", escape(&in_words(window, outcome)));
@@ -134,6 +136,12 @@ impl Report {
             recipe = escape(recipe),
         )
     }
+}
+
+/// Depths that are measured, 0 where they are filled in: a scale of depth must not follow guesses.
+fn confident_depth(geometry: &ViewGeometry) -> Vec<f32> {
+    let pixels = geometry.depth.data().iter().zip(&geometry.confidence);
+    pixels.map(|(&depth, &confidence)| if confidence >= 0.5 { depth } else { 0.0 }).collect()
 }
 
 /// The figures of a window in a sentence.

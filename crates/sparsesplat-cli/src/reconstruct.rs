@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let peak = peak_rss_bytes();
     let recipe = Recipe::of_this_run(config.seed, threads(), &config);
     if let Some(path) = &arguments.report {
-        let mut report = Report::new(&window.name, "Posed photographs in, 3D Gaussians out.");
+        let mut report = Report::new("SparseSplat reconstruction", "Posed photographs in, 3D Gaussians out.");
         report.headline(&outcome.figures.figures, peak);
         report.window(&window, &outcome, PictureLimits::ONE_WINDOW).or_work()?;
         output::write_text(path, &report.to_html(&output::to_json(&recipe)?))?;
