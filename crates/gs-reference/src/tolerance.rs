@@ -26,16 +26,21 @@ pub const F32_LEAST: f64 = 2e-6;
 /// An f32 renderer on outputs for which no deviation of plain f32 is known, relative to the largest value.
 pub const F32_WITHOUT_FLOOR: f64 = 1e-5;
 
+/// An f32 renderer on outputs that are small throughout, absolute: a transmittance near 1 is rounded by 6e-8 at every
+/// Gaussian, and what is drawn there is what it lacks to 1.
+pub const F32_ABSOLUTE: f64 = 5e-7;
+
 /// Distance of a decision from its threshold, relative, below which f32 may decide otherwise.
 pub const AMBIGUOUS: f64 = 5e-4;
 
 /// Bound on the largest deviation of an f32 renderer, given the deviation of plain f32 on the same output if known.
 #[must_use]
 pub fn f32_bound(deviation: &Deviation, floor: Option<f64>) -> f64 {
-    match floor {
+    let bound = match floor {
         Some(floor) => (F32_FACTOR * floor).max(F32_LEAST * deviation.largest),
         None => F32_WITHOUT_FLOOR * deviation.largest,
-    }
+    };
+    bound.max(F32_ABSOLUTE)
 }
 
 /// Bound on the largest deviation of gs-reference from a golden image.

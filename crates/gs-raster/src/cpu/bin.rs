@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Gaussians per task.
 const CHUNK: usize = 16384;
-/// The most pairs of Gaussian and tile that are listed: 2 GiB of indices while the lists are made.
+/// The most pairs of Gaussian and tile that are listed: 1 GiB of indices.
 const INTERSECTIONS_MAX: u64 = 1 << 28;
 
 /// Per tile, the splats whose footprint may touch one of its pixel centres.
@@ -60,46 +60,55 @@ impl Bins {
     }
 }
 
-/// The lists of `splats`, the first of which has index `first`. What it finds is added to `found`; beyond the limit
-/// it only counts.
+/// The lists of `splats`, the first of which has index `first`. What it finds is added to `found`; once that is beyond the
+/// limit the lists are of no use, and it only counts.
 fn list(splats: &[Splat], first: u32, grid: Grid, found: &AtomicU64) -> Lists {
-    let mut tiles = Vec::with_capacity(splats.len() * 2);
-    let mut tile_ends = Vec::with_capacity(splats.len());
+    let mut spans = Vec::with_capacity(splats.len() * 2);
+    let mut span_ends = Vec::with_capacity(splats.len());
+    let mut count = 0;
     for splat in splats {
-        let before = tiles.len();
-        let count = push_tiles(splat, grid, &mut tiles);
-        if found.fetch_add(count, Ordering::Relaxed) + count > INTERSECTIONS_MAX {
-            tiles.truncate(before);
-        }
-        tile_ends.push(tiles.len());
+        count += push_spans(splat, grid, &mut spans);
+        span_ends.push(spans.len());
+    }
+    if found.fetch_add(count, Ordering::Relaxed) + count > INTERSECTIONS_MAX {
+        return Lists { ends: Vec::new(), splats: Vec::new() };
     }
     let mut slots = vec![0; grid.columns * grid.rows];
-    for &tile in &tiles {
-        slots[tile as usize] += 1;
+    for span in &spans {
+        for slot in &mut slots[span.start as usize..span.end as usize] {
+            *slot += 1;
+        }
     }
     let mut offset = 0;
     for slot in &mut slots {
         (*slot, offset) = (offset, offset + *slot);
     }
-    let mut lists = vec![0; tiles.len()];
+    let mut lists = vec![0; count as usize];
     let mut start = 0;
-    for (index, &end) in (first..).zip(&tile_ends) {
-        for &tile in &tiles[start..end] {
-            let slot = &mut slots[tile as usize];
-            lists[*slot as usize] = index;
-            *slot += 1;
+    for (index, &end) in (first..).zip(&span_ends) {
+        for span in &spans[start..end] {
+            for slot in &mut slots[span.start as usize..span.end as usize] {
+                lists[*slot as usize] = index;
+                *slot += 1;
+            }
         }
         start = end;
     }
     Lists { ends: slots, splats: lists }
 }
 
-/// Appends every tile in which a pixel centre may lie inside the splat's ellipse, and returns their number.
+/// Neighbouring tiles in one row.
+struct Span {
+    start: u32,
+    end: u32,
+}
+
+/// Appends the tiles in which a pixel centre may lie inside the splat's ellipse, and returns their number.
 ///
 /// Within a row of tiles the ellipse reaches farthest right at dy = `lean` if that is in the row, else at the edge
 /// nearest to it; farthest left likewise at dy = -`lean`.
 #[multiversion(targets("x86_64+avx2+fma"))]
-fn push_tiles(splat: &Splat, grid: Grid, tiles: &mut Vec<u32>) -> u64 {
+fn push_spans(splat: &Splat, grid: Grid, spans: &mut Vec<Span>) -> u64 {
     let [extent_x, extent_y] = splat.extent;
     let [x, y] = splat.mean;
     let Some((first, last)) = pixels(y, -extent_y, extent_y, grid.height) else { return 0 };
@@ -114,11 +123,13 @@ fn push_tiles(splat: &Splat, grid: Grid, tiles: &mut Vec<u32>) -> u64 {
         };
         let (middle_left, half_left) = reach((-lean).max(low).min(high));
         let (middle_right, half_right) = reach(lean.max(low).min(high));
-        let span = pixels(x, middle_left - half_left, middle_right + half_right, grid.width);
-        let Some((left, right)) = span else { continue };
-        let start = row * grid.columns;
-        tiles.extend((start + left / TILE) as u32..=(start + right / TILE) as u32);
-        count += (right / TILE - left / TILE + 1) as u64;
+        let Some((left, right)) = pixels(x, middle_left - half_left, middle_right + half_right, grid.width)
+        else {
+            continue;
+        };
+        let (start, end) = (row * grid.columns + left / TILE, row * grid.columns + right / TILE + 1);
+        spans.push(Span { start: start as u32, end: end as u32 });
+        count += (end - start) as u64;
     }
     count
 }

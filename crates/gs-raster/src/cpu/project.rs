@@ -18,7 +18,8 @@ const COMPENSATION_MIN: f64 = 0.005;
 /// which takes the decision itself, and too small to cost anything.
 const BOUND_SLACK: f64 = 1e-3;
 /// Longest standard deviation of a footprint, pixels. Longer axes are shortened, not thickened: over an image, no
-/// falloff changes by more than rounding, and the footprint's numbers and their squares fit f32.
+/// falloff changes by more than rounding, and the footprint's numbers and their squares fit f32. What is centred so much
+/// farther outside than this is not drawn.
 const SIGMA_MAX: f64 = 1e12;
 
 /// The footprint of one Gaussian in the image: 64 bytes, one cache line.

@@ -166,12 +166,13 @@ proptest! {
         let total = view.stats.visible + view.stats.rejected;
         prop_assert!(total <= scene.len());
 
-        // The reference draws the same wherever its own numbers stay small enough for f32 sums to be compared.
+        // The reference draws the same, unless a centre lies farther off than any footprint here reaches.
+        let near = |row: &[f32; 11]| row[..2].iter().all(|value| !value.is_finite() || value.abs() < 1e6);
         let truth = gs_reference::render(&scene, &camera(), [0.1, 0.2, 0.3].map(f64::from), &Profile::default());
         let ambiguous: Vec<bool> = truth.margin.iter().map(|&margin| margin < AMBIGUOUS).collect();
-        if ambiguous.contains(&false) && truth.alpha.iter().all(|alpha| alpha.is_finite()) {
+        if rows.iter().all(|row| near(&row.0)) && ambiguous.contains(&false) {
             let alpha = compare(truth.alpha, view.alpha, &ambiguous).expect("valid");
-            prop_assert!(alpha.max_abs <= f32_bound(&alpha, None).max(f64::from(f32::EPSILON)), "{:?}", alpha);
+            prop_assert!(alpha.max_abs <= f32_bound(&alpha, None), "{:?}", alpha);
         }
     }
 }
