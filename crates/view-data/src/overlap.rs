@@ -12,7 +12,7 @@ const DEPTHS: usize = 3;
 pub(crate) const POINTS: usize = GRID * GRID * DEPTHS;
 /// Squared cosine of the largest angle between two rays to a point under which photographs of it still match: 30
 /// degrees, about where feature tracks break off.
-const MIN_COS2: f64 = 0.75;
+const MIN_COS2: f32 = 0.75;
 
 /// Thousandths; a distance of 0 is the same view, 1 shares nothing or is one median depth away, 3 is the largest.
 const DISTANCE_UNIT: f64 = 1000.0;
@@ -29,9 +29,7 @@ pub(crate) struct Overlaps {
 impl Overlaps {
     /// Counts for all pairs, in parallel over the viewers. `depth` has been checked.
     pub(crate) fn new(cameras: &[Camera], depth: SceneDepth) -> Self {
-        let between = |a: f64, b: f64| 2.0 / (1.0 / a + 1.0 / b);
-        let depths = [between(depth.near, depth.median), depth.median, between(depth.median, depth.far)];
-        let contents: Vec<Content> = cameras.iter().map(|camera| Content::new(camera, depths)).collect();
+        let contents: Vec<Content> = cameras.iter().map(|camera| Content::new(camera, depth)).collect();
         let contents = &contents;
         let rows = cameras.par_iter().flat_map_iter(|viewer| {
             let position = viewer.position();
@@ -63,50 +61,68 @@ impl Overlaps {
     }
 }
 
-/// What a view shows: the directions of its grid pixels, at three depths each.
+/// Pixels at which a view's content is sampled.
+const RAYS: usize = GRID * GRID;
+
+/// What a view shows: the directions of its grid pixels, at three depths each. Single precision and one array per
+/// axis, so that the compiler makes SIMD of the loops; lengths in median depths, so that no scale overflows.
 struct Content {
+    /// Scene units.
     position: DVec3,
-    /// World directions of unit z-depth, with their squared length.
-    rays: [(DVec3, f64); GRID * GRID],
-    depths: [f64; DEPTHS],
+    /// World directions of unit z-depth: x, y, z.
+    rays: [[f32; RAYS]; 3],
+    /// Their squared length.
+    length2: [f32; RAYS],
+    depths: [f32; DEPTHS],
+    /// Scene units.
+    median: f64,
 }
 
 impl Content {
-    fn new(camera: &Camera, depths: [f64; DEPTHS]) -> Self {
+    fn new(camera: &Camera, depth: SceneDepth) -> Self {
+        let between = |a: f64, b: f64| 2.0 / (1.0 / a + 1.0 / b);
+        let SceneDepth { near, median, far } = depth;
         let to_world = camera.rotation().transpose();
-        let rays = std::array::from_fn(|i| {
+        let (mut rays, mut length2) = ([[0.0; RAYS]; 3], [0.0; RAYS]);
+        for i in 0..RAYS {
             let cell = DVec2::new((i % GRID) as f64 + 0.5, (i / GRID) as f64 + 0.5) / GRID as f64;
             let pixel = cell * DVec2::new(camera.width() as f64, camera.height() as f64);
             let ray = to_world * camera.intrinsics().ray(pixel);
-            (ray, ray.length_squared())
-        });
-        Self { position: camera.position(), rays, depths }
+            (0..3).for_each(|axis| rays[axis][i] = ray[axis] as f32);
+            length2[i] = ray.length_squared() as f32;
+        }
+        let depths =
+            [between(near, median), median, between(median, far)].map(|depth| (depth / median) as f32);
+        Self { position: camera.position(), rays, length2, depths, median }
     }
 
     /// How many of the points a viewer sees. Comparisons are multiplied out: no division, no root.
     fn seen_by(&self, viewer: &Camera) -> u8 {
         let lens = viewer.intrinsics();
-        let (width, height) = (lens.width as f64, lens.height as f64);
         let rotation = viewer.rotation();
         // The difference of positions first: far from the origin their digits cancel.
-        let offset = rotation * (self.position - viewer.position());
+        let offset = (rotation * (self.position - viewer.position()) / self.median).as_vec3();
+        let rotation = rotation.as_mat3();
+        let [fx, fy, cx, cy] = [lens.fx, lens.fy, lens.cx, lens.cy].map(|v| v as f32);
+        let (width, height) = (lens.width as f32, lens.height as f32);
+        let [dx, dy, dz]: [[f32; RAYS]; 3] = std::array::from_fn(|axis| {
+            let row = rotation.row(axis);
+            std::array::from_fn(|i| {
+                row.x * self.rays[0][i] + row.y * self.rays[1][i] + row.z * self.rays[2][i]
+            })
+        });
         let mut seen = 0;
-        for &(ray, ray_length2) in &self.rays {
-            let direction = rotation * ray;
-            for depth in self.depths {
-                let point = direction * depth + offset;
-                let (u, v) = (lens.fx * point.x + lens.cx * point.z, lens.fy * point.y + lens.cy * point.z);
-                let inside = (point.z > 0.0)
-                    & (u >= 0.0)
-                    & (v >= 0.0)
-                    & (u <= width * point.z)
-                    & (v <= height * point.z);
-                let along = direction.dot(point);
-                let same_side =
-                    (along > 0.0) & (along * along >= MIN_COS2 * ray_length2 * point.length_squared());
-                seen += u8::from(inside & same_side);
+        for depth in self.depths {
+            for (((dx, dy), dz), ray_length2) in dx.iter().zip(&dy).zip(&dz).zip(&self.length2) {
+                let (x, y, z) = (dx * depth + offset.x, dy * depth + offset.y, dz * depth + offset.z);
+                let (u, v) = (fx * x + cx * z, fy * y + cy * z);
+                let inside = (z > 0.0) & (u >= 0.0) & (v >= 0.0) & (u <= width * z) & (v <= height * z);
+                let along = dx * x + dy * y + dz * z;
+                let length2 = ray_length2 * (x * x + y * y + z * z);
+                let same_side = (along > 0.0) & (along * along >= MIN_COS2 * length2);
+                seen += u32::from(inside & same_side);
             }
         }
-        seen
+        seen as u8
     }
 }

@@ -26,7 +26,7 @@ pub struct Selection {
 /// content, and a covered frame is what may be chosen next; the first two views cover each other. So every chosen
 /// view shares at least half of its content with another chosen one.
 ///
-/// From every frame as a start, the covered frame that makes most frames covered is added until there are `n`. Equal
+/// From up to 32 starts, evenly along the list, the covered frame that makes most frames covered is added until there are `n`. Equal
 /// ones are decided by how far all frames are from the nearest chosen view (the sum over frames of the share not seen
 /// plus the distance of the centres in median depths), which spreads the views, then by the lower position. The best
 /// result of all starts is kept. Deterministic; quadratic in the number of frames.
@@ -43,14 +43,14 @@ pub fn select_views(cameras: &[Camera], n: usize, depth: SceneDepth) -> Result<S
     }
     depth.check()?;
     let overlaps = Overlaps::new(cameras, depth);
-    // Most views first; a later start must be better, not equal.
-    let grown = (0..cameras.len()).into_par_iter().map(|start| {
-        let grown = Grown::from(&overlaps, start, n);
-        let score = grown.score_with(&overlaps, start);
-        ((grown.chosen.len(), score, Reverse(start)), grown.chosen)
-    });
-    let best = grown.reduce_with(|a, b| if b.0 > a.0 { b } else { a });
-    let ((_, score, _), mut context) = best.ok_or(Error::NoViews)?;
+    let count = cameras.len();
+    let spread: Vec<usize> = (0..count.min(STARTS)).map(|i| i * count / count.min(STARTS)).collect();
+    let best = grow_from(&overlaps, &spread, n).filter(|grown| grown.chosen.len() == n);
+    // A small connected group may lie between the starts.
+    let best =
+        best.or_else(|| grow_from(&overlaps, &(0..count).collect::<Vec<_>>(), n)).ok_or(Error::NoViews)?;
+    let score = best.score_with(&overlaps, best.chosen[0]);
+    let mut context = best.chosen;
     if context.len() < n {
         return Err(Error::Disconnected { wanted: n, connected: context.len() });
     }
@@ -58,9 +58,12 @@ pub fn select_views(cameras: &[Camera], n: usize, depth: SceneDepth) -> Result<S
     Ok(Selection {
         targets: targets_between(cameras, &overlaps, &context),
         context,
-        uncovered: 1.0 - f64::from(score.covered) / cameras.len() as f64,
+        uncovered: 1.0 - f64::from(score.covered) / count as f64,
     })
 }
+
+/// Sets are grown from so many frames at most: more change little and cost in proportion.
+const STARTS: usize = 32;
 
 /// Number of points that make half of a view's content.
 const HALF: u8 = (POINTS / 2) as u8;
@@ -114,6 +117,15 @@ impl Grown {
         let distance = pairs.map(|(&distance, &added)| u32::from(distance.min(added))).sum();
         Score { covered, distance: Reverse(distance) }
     }
+}
+
+/// The best of the sets grown from `starts`: most views first, then the score, then the earliest start.
+fn grow_from(overlaps: &Overlaps, starts: &[usize], n: usize) -> Option<Grown> {
+    let grown = starts.par_iter().map(|&start| {
+        let grown = Grown::from(overlaps, start, n);
+        ((grown.chosen.len(), grown.score_with(overlaps, start), Reverse(start)), grown)
+    });
+    grown.reduce_with(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, grown)| grown)
 }
 
 fn targets_between(cameras: &[Camera], overlaps: &Overlaps, context: &[usize]) -> Vec<usize> {

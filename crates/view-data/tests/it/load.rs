@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use view_data::{Distortion, Error, Lens};
 
 /// One frame `0.png`, with the keys of `changes` on the file.
-fn one_frame(changes: Value) -> Folder {
+fn one_frame(changes: &Value) -> Folder {
     let folder = Folder::new();
     let mut file = json!({
         "w": 64, "h": 48, "fl_x": 60.0, "fl_y": 62.0, "cx": 31.0, "cy": 25.0,
@@ -68,7 +68,7 @@ fn pictures_come_as_they_are_stored_in_the_order_asked_for() {
 
 #[test]
 fn every_kind_of_pixel_becomes_rgb() {
-    let folder = one_frame(json!({"w": 2, "h": 1}));
+    let folder = one_frame(&json!({"w": 2, "h": 1}));
     let path = folder.path("0.png");
     let first = || load_one(&folder, None).unwrap().image().pixel(0, 0);
     GrayImage::from_pixel(2, 1, Luma([51])).save(&path).unwrap();
@@ -86,7 +86,7 @@ fn every_kind_of_pixel_becomes_rgb() {
 
 #[test]
 fn intrinsics_follow_the_size_of_the_file() {
-    let folder = one_frame(json!({}));
+    let folder = one_frame(&json!({}));
     folder.picture("0.png", 32, 24);
     let half = Intrinsics { fx: 30.0, fy: 31.0, cx: 15.5, cy: 12.5, width: 32, height: 24 };
     assert_eq!(*load_one(&folder, None).unwrap().camera().intrinsics(), half);
@@ -97,7 +97,7 @@ fn intrinsics_follow_the_size_of_the_file() {
 /// Colours that are linear in the pixel position tell where in the source a pixel was sampled.
 #[test]
 fn resizing_and_cutting_keep_the_camera_exact() {
-    let folder = one_frame(json!({"w": 120, "h": 80}));
+    let folder = one_frame(&json!({"w": 120, "h": 80}));
     write16(&folder, 120, 80, |p| [p.x / 120.0, p.y / 80.0, 0.5]);
     let lens = folder.open().unwrap().frames[0].lens.intrinsics;
     // Down, up, cut left and right, cut above and below, one axis barely changed.
@@ -123,11 +123,11 @@ fn distorted_lens(sign: f64) -> Lens {
     Lens { intrinsics, distortion }
 }
 
-fn distorted_folder(lens: Lens, more: Value) -> Folder {
+fn distorted_folder(lens: Lens, more: &Value) -> Folder {
     let Distortion { k1, k2, k3, p1, p2 } = lens.distortion;
     let mut file = json!({"k1": k1, "k2": k2, "k3": k3, "p1": p1, "p2": p2});
     file.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
-    one_frame(file)
+    one_frame(&file)
 }
 
 /// Colours that are linear in the undistorted direction tell in which direction a pixel looks.
@@ -135,7 +135,7 @@ fn distorted_folder(lens: Lens, more: Value) -> Folder {
 fn undistorted_pixels_look_where_their_camera_says_and_none_shows_what_was_not_seen() {
     for (sign, smaller) in [(1.0, true), (-1.0, false)] {
         let lens = distorted_lens(sign);
-        let folder = distorted_folder(lens, json!({}));
+        let folder = distorted_folder(lens, &json!({}));
         write16(&folder, 64, 48, |p| {
             let d = lens.undistort(p).unwrap();
             [0.5 + 0.6 * d.x, 0.5 + 0.6 * d.y, 0.25]
@@ -169,7 +169,7 @@ fn undistorted_pixels_look_where_their_camera_says_and_none_shows_what_was_not_s
 fn depth_is_the_nearest_measurement_in_its_unit() {
     // A plane z = 2 m but for a hole at the left, and a picture of half the depth's size.
     for (unit, scale) in [(Value::Null, 0.001), (json!(0.01), 0.01)] {
-        let folder = one_frame(json!({"depth_unit_scale_factor": unit,
+        let folder = one_frame(&json!({"depth_unit_scale_factor": unit,
             "frames": [{"file_path": "0.png", "depth_file_path": "0_depth.png", "transform_matrix": pose(0.0)}]}));
         folder.picture("0.png", 64, 48);
         folder.depth("0_depth.png", 128, 96, |x, y| if x < 64 { 0 } else { 2000 + y as u16 });
@@ -188,7 +188,7 @@ fn depth_is_the_nearest_measurement_in_its_unit() {
 fn depth_is_undistorted_with_its_picture() {
     let lens = distorted_lens(1.0);
     let frame = json!({"file_path": "0.png", "depth_file_path": "d.png", "transform_matrix": pose(0.0)});
-    let folder = distorted_folder(lens, json!({"frames": [frame]}));
+    let folder = distorted_folder(lens, &json!({"frames": [frame]}));
     folder.picture("0.png", 64, 48);
     // Counts that tell the undistorted direction: 10 000 + 10 000 x.
     folder.depth("d.png", 64, 48, |x, y| {
@@ -207,7 +207,7 @@ fn depth_is_undistorted_with_its_picture() {
 
 #[test]
 fn files_that_are_not_what_they_should_be() {
-    let folder = one_frame(json!({}));
+    let folder = one_frame(&json!({}));
     check_error(&folder, None, "0.png: picture of frame 0 is missing");
     std::fs::write(folder.path("0.png"), b"").unwrap();
     check_error(&folder, None, "0.png: picture cannot be decoded");
@@ -218,7 +218,7 @@ fn files_that_are_not_what_they_should_be() {
     check_error(&folder, None, "0.png: cannot read");
 
     let frame = json!({"file_path": "0.png", "depth_file_path": "d.png", "transform_matrix": pose(0.0)});
-    let folder = one_frame(json!({"frames": [frame]}));
+    let folder = one_frame(&json!({"frames": [frame]}));
     folder.picture("0.png", 64, 48);
     check_error(&folder, None, "d.png: picture of frame 0 is missing");
     folder.picture("d.png", 64, 48);
@@ -229,7 +229,7 @@ fn files_that_are_not_what_they_should_be() {
 
 #[test]
 fn truncated_pictures_are_errors_wherever_they_end() {
-    let folder = one_frame(json!({}));
+    let folder = one_frame(&json!({}));
     for extension in ["png", "jpg"] {
         folder.picture(&format!("whole.{extension}"), 64, 48);
         let whole = std::fs::read(folder.path(&format!("whole.{extension}"))).unwrap();
@@ -247,7 +247,7 @@ fn truncated_pictures_are_errors_wherever_they_end() {
 
 #[test]
 fn a_header_that_promises_too_much_allocates_nothing() {
-    let folder = one_frame(json!({}));
+    let folder = one_frame(&json!({}));
     folder.picture("whole.png", 64, 48);
     let mut bytes = std::fs::read(folder.path("whole.png")).unwrap();
     // Width and height follow the chunk's name; its check sum is not looked at before the size.
@@ -258,7 +258,7 @@ fn a_header_that_promises_too_much_allocates_nothing() {
 
 #[test]
 fn target_sizes_are_checked() {
-    let folder = one_frame(json!({}));
+    let folder = one_frame(&json!({}));
     folder.picture("0.png", 64, 48);
     check_error(&folder, Some((0, 5)), "target size is 0x5, expected at least one");
     check_error(&folder, Some((usize::MAX, 2)), "target size is");
@@ -269,11 +269,11 @@ fn target_sizes_are_checked() {
 #[test]
 fn lenses_that_fold_or_leave_nothing_are_refused() {
     // At the picture's border x = 0.5, where x (1 - 2 x²) has turned back.
-    let folder = one_frame(json!({"k1": -2.0}));
+    let folder = one_frame(&json!({"k1": -2.0}));
     folder.picture("0.png", 64, 48);
     check_error(&folder, None, "0.png: lens distortion folds at pixel (");
     for absurd in [1e300, -1e300, 1e6] {
-        let folder = one_frame(json!({"k1": absurd}));
+        let folder = one_frame(&json!({"k1": absurd}));
         folder.picture("0.png", 64, 48);
         assert!(load_one(&folder, None).is_err(), "{absurd}");
     }

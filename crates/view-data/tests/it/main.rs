@@ -1,6 +1,8 @@
 //! `folder` makes data sets to read; `nerfstudio` reads their JSON, `load` their pictures and depth, `lens` checks the
 //! distortion model, `index` the evaluation index, `select` the choice of views.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests unwrap as tests do")]
+
 mod folder;
 
 mod index;

@@ -108,6 +108,12 @@ fn what_cannot_be_chosen_is_said() {
     assert!(message.starts_with("6 views asked for, but at most 5 frames are connected"), "{message}");
     assert!(message.contains("try --views 5"), "{message}");
     assert_eq!(select_views(&groups, 5, DEPTH).unwrap().context, [3, 4, 5, 6, 7]);
+    // A group that no evenly spread start hits.
+    let lone = |i: usize| ahead(DVec3::new(100.0 * i as f64, 0.0, 0.0));
+    let mut scattered: Vec<Camera> = (0..128).map(lone).collect();
+    (scattered[62], scattered[63]) = (lone(61), lone(61));
+    assert_eq!(select_views(&scattered, 3, DEPTH).unwrap().context, [61, 62, 63]);
+    assert!(matches!(select_views(&scattered, 4, DEPTH), Err(Error::Disconnected { connected: 3, .. })));
     // Back to back.
     let apart = [
         ahead(DVec3::ZERO),
