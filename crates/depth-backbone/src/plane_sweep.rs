@@ -31,6 +31,13 @@ impl Default for PlaneSweep {
 /// Offsets, in plane steps, that each refinement round tries around the current surface.
 const REFINEMENT_ROUNDS: [f32; 2] = [1.6, 0.5];
 
+/// Confirmed pixels must come in connected patches of at least this many.
+const SMALLEST_PATCH: usize = 150;
+/// Confidence of depth that was filled in from confirmed neighbours …
+const FILLED_CONFIDENCE: f32 = 0.25;
+/// … and of depth that nothing supports: a view without a single confirmed pixel.
+const UNSUPPORTED_CONFIDENCE: f32 = 0.1;
+
 /// One view on its way through the stages.
 pub(crate) struct Matched<'a> {
     pub(crate) view: &'a View,
@@ -61,6 +68,7 @@ impl PlaneSweep {
     /// # Errors
     /// If it cannot be estimated, or is no range.
     pub fn depth_range(&self, views: &[View]) -> Result<(f64, f64)> {
+        check(views)?;
         match self.range {
             DepthRange::Known { near, far } => Ok((near, far)),
             DepthRange::Estimate => crate::estimate::depth_range(views),
@@ -70,7 +78,6 @@ impl PlaneSweep {
 
 impl DepthBackbone for PlaneSweep {
     fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
-        check(views)?;
         if self.sources == 0 {
             return Err(Error::Setting { setting: "sources", found: 0.0, expected: "1 or more" });
         }
@@ -96,14 +103,11 @@ impl DepthBackbone for PlaneSweep {
             .map(|i| fuse_and_fill(i, &matched, &inverse_depths, &planes))
             .collect();
         let (inverse_depths, mut confidences): (Vec<_>, Vec<_>) = filled.into_iter().unzip();
-
         confidences.par_iter_mut().enumerate().for_each(|(i, confidence)| {
             let witnesses = witnesses(i, &matched, &inverse_depths);
             let wrong = contradicted(matched[i].view, &inverse_depths[i], &witnesses, &planes);
-            for (confidence, wrong) in confidence.iter_mut().zip(wrong) {
-                if wrong {
-                    *confidence = 0.0;
-                }
+            for (confidence, _) in confidence.iter_mut().zip(wrong).filter(|(_, wrong)| *wrong) {
+                *confidence = 0.0;
             }
         });
         (0..views.len())
@@ -221,7 +225,43 @@ fn refine(
     current.iter().enumerate().map(moved).collect()
 }
 
-/// Joins what the views agree on, and fills the rest from confident neighbours. Returns inverse depth and confidence.
+/// Takes the confirmation from patches of fewer than [`SMALLEST_PATCH`] connected pixels: what agrees by chance is
+/// small. Pixels are connected if their inverse depths differ by less than `step`.
+fn remove_speckles(agreed: &mut [(u8, f32)], width: usize, step: f32) {
+    let mut seen = vec![false; agreed.len()];
+    let mut patch = Vec::new();
+    for start in 0..agreed.len() {
+        if seen[start] || agreed[start].0 == 0 {
+            continue;
+        }
+        patch.clear();
+        patch.push(start);
+        seen[start] = true;
+        let mut next = 0;
+        while next < patch.len() {
+            let i = patch[next];
+            next += 1;
+            let (x, w) = (i % width, agreed[i].1);
+            let neighbours = [
+                (x > 0).then(|| i - 1),
+                (x + 1 < width).then(|| i + 1),
+                i.checked_sub(width),
+                (i + width < agreed.len()).then(|| i + width),
+            ];
+            for j in neighbours.into_iter().flatten() {
+                if !seen[j] && agreed[j].0 > 0 && (agreed[j].1 - w).abs() < step {
+                    seen[j] = true;
+                    patch.push(j);
+                }
+            }
+        }
+        if patch.len() < SMALLEST_PATCH {
+            patch.iter().for_each(|&i| agreed[i].0 = 0);
+        }
+    }
+}
+
+/// Joins what the views agree on, and fills the rest from confirmed neighbours. Returns inverse depth and confidence.
 fn fuse_and_fill(
     index: usize,
     all: &[Matched],
@@ -229,17 +269,51 @@ fn fuse_and_fill(
     planes: &Planes,
 ) -> (Vec<f32>, Vec<f32>) {
     let view = &all[index];
-    let agreed = agree(view.view, &inverse_depths[index], &witnesses(index, all, inverse_depths), planes);
-    let weights: Vec<f32> = agreed.iter().map(|&(count, _)| f32::from(count)).collect();
-    let values: Vec<f32> = agreed.iter().map(|&(_, mean)| mean).collect();
-    let filled = fill::interpolate(&values, &weights, &view.texture.values, view.texture.width);
+    let (texture, own) = (&view.texture, &inverse_depths[index]);
+    let mut agreed = agree(view.view, own, &witnesses(index, all, inverse_depths), planes);
+    remove_speckles(&mut agreed, texture.width, planes.step());
+    let (weights, values): (Vec<f32>, Vec<f32>) =
+        agreed.iter().map(|&(count, mean)| (f32::from(count), mean)).unzip();
+    let filled = fill::interpolate(&values, &weights, &texture.values, texture.width);
     agreed
         .iter()
         .zip(filled)
         .map(|(&(count, mean), filled)| match (count, filled) {
-            (0, Some(filled)) => (filled, 0.25),
-            (0, None) => (mean, 0.1),
+            (0, Some(filled)) => (filled, FILLED_CONFIDENCE),
+            (0, None) => (mean, UNSUPPORTED_CONFIDENCE),
             _ => (mean, 1.0 - 0.5_f32.powi(i32::from(count))),
         })
         .unzip()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_patches_lose_their_confirmation_and_steps_part_patches() {
+        // Left: 20 columns at 1; right: 20 columns at 2, cut off by one column without confirmation; one lone pixel.
+        let (width, height) = (45, 20);
+        let mut agreed: Vec<(u8, f32)> = (0..width * height)
+            .map(|i| match i % width {
+                0..20 => (2, 1.0),
+                20..40 => (1, 2.0),
+                _ => (0, 2.0),
+            })
+            .collect();
+        agreed[10 * width + 43].0 = 3;
+        // A patch of 5 x 5 at another depth inside the left one.
+        for i in 0..25 {
+            agreed[(5 + i / 5) * width + 5 + i % 5].1 = 1.5;
+        }
+        remove_speckles(&mut agreed, width, 0.1);
+        for (i, &(count, w)) in agreed.iter().enumerate() {
+            let expected = match i % width {
+                0..20 if w == 1.0 => 2,
+                20..40 => 1,
+                _ => 0,
+            };
+            assert_eq!(count, expected, "pixel {i}");
+        }
+    }
 }

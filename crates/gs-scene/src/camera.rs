@@ -23,30 +23,14 @@ impl Intrinsics {
     /// The same lens on an image scaled to `width` × `height` (each axis by its own factor).
     #[must_use]
     pub fn resized(self, width: usize, height: usize) -> Self {
-        let (sx, sy) = (
-            width as f64 / self.width as f64,
-            height as f64 / self.height as f64,
-        );
-        Self {
-            fx: self.fx * sx,
-            fy: self.fy * sy,
-            cx: self.cx * sx,
-            cy: self.cy * sy,
-            width,
-            height,
-        }
+        let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
+        Self { fx: self.fx * sx, fy: self.fy * sy, cx: self.cx * sx, cy: self.cy * sy, width, height }
     }
 
     /// The same lens on the `width` × `height` window whose top-left pixel is (`left`, `top`).
     #[must_use]
     pub fn cropped(self, left: usize, top: usize, width: usize, height: usize) -> Self {
-        Self {
-            cx: self.cx - left as f64,
-            cy: self.cy - top as f64,
-            width,
-            height,
-            ..self
-        }
+        Self { cx: self.cx - left as f64, cy: self.cy - top as f64, width, height, ..self }
     }
 
     /// Pixel position to the ray (x/z, y/z, 1) in camera axes.
@@ -76,11 +60,7 @@ struct RawCamera {
 
 impl From<Camera> for RawCamera {
     fn from(camera: Camera) -> Self {
-        Self {
-            intrinsics: camera.intrinsics,
-            rotation: camera.rotation,
-            translation: camera.translation,
-        }
+        Self { intrinsics: camera.intrinsics, rotation: camera.rotation, translation: camera.translation }
     }
 }
 
@@ -101,14 +81,7 @@ impl Camera {
     /// If a number is not finite, a focal length is not positive, the image is empty, or the rotation is not
     /// orthonormal within 1e-4 with determinant +1.
     pub fn new(intrinsics: Intrinsics, rotation: DMat3, translation: DVec3) -> Result<Self> {
-        let Intrinsics {
-            fx,
-            fy,
-            cx,
-            cy,
-            width,
-            height,
-        } = intrinsics;
+        let Intrinsics { fx, fy, cx, cy, width, height } = intrinsics;
         for (name, found) in [("fx", fx), ("fy", fy)] {
             if !(found.is_finite() && found > 0.0) {
                 return Err(Error::Focal { name, found });
@@ -124,21 +97,15 @@ impl Camera {
             return Err(Error::PoseNotFinite);
         }
         let gram = rotation * rotation.transpose() - DMat3::IDENTITY;
-        let deviation = gram
-            .to_cols_array()
-            .into_iter()
-            .fold(0.0, |worst: f64, entry| worst.max(entry.abs()));
+        let deviation =
+            gram.to_cols_array().into_iter().fold(0.0, |worst: f64, entry| worst.max(entry.abs()));
         if deviation > ORTHONORMAL_TOLERANCE {
             return Err(Error::NotOrthonormal { deviation });
         }
         if rotation.determinant() < 0.0 {
             return Err(Error::Mirrored);
         }
-        Ok(Self {
-            intrinsics,
-            rotation,
-            translation,
-        })
+        Ok(Self { intrinsics, rotation, translation })
     }
 
     /// A camera from its position and axes: the columns of `axes` are the camera's x, y and z axis in the world.
@@ -252,42 +219,22 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const LENS: Intrinsics = Intrinsics {
-        fx: 300.0,
-        fy: 280.0,
-        cx: 150.5,
-        cy: 99.0,
-        width: 320,
-        height: 200,
-    };
+    const LENS: Intrinsics =
+        Intrinsics { fx: 300.0, fy: 280.0, cx: 150.5, cy: 99.0, width: 320, height: 200 };
 
     #[test]
     fn bad_cameras_name_their_rule() {
         let nan = Camera::new(LENS, DMat3::IDENTITY, DVec3::new(f64::NAN, 0.0, 0.0));
         assert_eq!(nan.unwrap_err().to_string(), "pose is not finite");
         let zero = Camera::new(Intrinsics { fx: 0.0, ..LENS }, DMat3::IDENTITY, DVec3::ZERO);
-        assert_eq!(
-            zero.unwrap_err().to_string(),
-            "focal length fx is 0, expected a finite number above 0"
-        );
-        let centre = Camera::new(
-            Intrinsics {
-                cy: f64::INFINITY,
-                ..LENS
-            },
-            DMat3::IDENTITY,
-            DVec3::ZERO,
-        );
+        assert_eq!(zero.unwrap_err().to_string(), "focal length fx is 0, expected a finite number above 0");
+        let centre = Camera::new(Intrinsics { cy: f64::INFINITY, ..LENS }, DMat3::IDENTITY, DVec3::ZERO);
         assert!(matches!(centre, Err(Error::PrincipalPoint { name: "cy", .. })));
         let size = Camera::new(Intrinsics { width: 0, ..LENS }, DMat3::IDENTITY, DVec3::ZERO);
         assert!(matches!(size, Err(Error::Size { .. })));
         let scaled = Camera::new(LENS, DMat3::IDENTITY * 1.001, DVec3::ZERO);
         assert!(matches!(scaled, Err(Error::NotOrthonormal { .. })));
-        let mirror = Camera::new(
-            LENS,
-            DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0)),
-            DVec3::ZERO,
-        );
+        let mirror = Camera::new(LENS, DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0)), DVec3::ZERO);
         assert!(matches!(mirror, Err(Error::Mirrored)));
         assert!(Camera::looking_at(LENS, DVec3::ONE, DVec3::ONE, DVec3::Z).is_err());
         assert!(Camera::new(LENS, DMat3::from_rotation_x(0.3) * (1.0 + 1e-5), DVec3::ZERO).is_ok());

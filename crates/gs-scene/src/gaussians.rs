@@ -81,18 +81,10 @@ impl Gaussians {
         ];
         for (what, expected, found) in lengths {
             if expected != found {
-                return Err(Error::Length {
-                    what,
-                    expected,
-                    found,
-                });
+                return Err(Error::Length { what, expected, found });
             }
         }
-        Ok(Self {
-            sh_degree,
-            geometry,
-            sh,
-        })
+        Ok(Self { sh_degree, geometry, sh })
     }
 
     /// Appends one Gaussian; `sh` is `[(degree+1)², 3]`.
@@ -125,10 +117,7 @@ impl Gaussians {
     /// # Panics
     /// If the SH degrees differ.
     pub fn append(&mut self, other: &Self) {
-        assert_eq!(
-            self.sh_degree, other.sh_degree,
-            "SH degrees of two sets to be joined"
-        );
+        assert_eq!(self.sh_degree, other.sh_degree, "SH degrees of two sets to be joined");
         self.geometry.extend_from_slice(&other.geometry);
         self.sh.extend_from_slice(&other.sh);
     }
@@ -175,10 +164,7 @@ mod tests {
 
     #[test]
     fn buffers_must_fit_each_other() {
-        assert!(matches!(
-            Gaussians::new(4, vec![], vec![]),
-            Err(Error::ShDegree { found: 4 })
-        ));
+        assert!(matches!(Gaussians::new(4, vec![], vec![]), Err(Error::ShDegree { found: 4 })));
         assert!(Gaussians::new(0, vec![0.0; 12], vec![0.0; 3]).is_err());
         assert!(Gaussians::new(1, vec![0.0; 11], vec![0.0; 3]).is_err());
         assert_eq!(Gaussians::new(1, vec![0.0; 22], vec![0.0; 24]).unwrap().len(), 2);

@@ -11,7 +11,7 @@ pub struct Image {
 
 /// At least one pixel, and few enough that an index fits 31 bits.
 pub(crate) fn check_size(width: usize, height: usize) -> Result<()> {
-    let pixels = width.checked_mul(height).unwrap_or(usize::MAX);
+    let pixels = width.saturating_mul(height);
     if pixels == 0 || pixels > 1 << 31 {
         return Err(Error::Size { width, height });
     }
@@ -27,11 +27,7 @@ impl Image {
         check_size(width, height)?;
         let expected = width * height * 3;
         if data.len() != expected {
-            return Err(Error::Length {
-                what: "image",
-                expected,
-                found: data.len(),
-            });
+            return Err(Error::Length { what: "image", expected, found: data.len() });
         }
         Ok(Self { width, height, data })
     }
@@ -42,11 +38,7 @@ impl Image {
     /// If the size is empty.
     pub fn filled(width: usize, height: usize, rgb: [f32; 3]) -> Result<Self> {
         check_size(width, height)?;
-        Ok(Self {
-            width,
-            height,
-            data: rgb.repeat(width * height),
-        })
+        Ok(Self { width, height, data: rgb.repeat(width * height) })
     }
 
     /// An image from interleaved 8-bit values, divided by 255.
@@ -54,20 +46,13 @@ impl Image {
     /// # Errors
     /// If the size is empty or the buffer does not fit it.
     pub fn from_rgb8(width: usize, height: usize, bytes: &[u8]) -> Result<Self> {
-        Self::new(
-            width,
-            height,
-            bytes.iter().map(|&b| f32::from(b) / 255.0).collect(),
-        )
+        Self::new(width, height, bytes.iter().map(|&b| f32::from(b) / 255.0).collect())
     }
 
     /// Interleaved 8-bit values: clipped to 0..1, times 255, rounded; NaN becomes 0.
     #[must_use]
     pub fn to_rgb8(&self) -> Vec<u8> {
-        self.data
-            .iter()
-            .map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8)
-            .collect()
+        self.data.iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
     }
 
     /// Pixels per row.
@@ -112,10 +97,7 @@ impl Image {
     /// Luma `[height, width]`, 0.299 R + 0.587 G + 0.114 B (BT.601), in the range of the image.
     #[must_use]
     pub fn luma(&self) -> Vec<f32> {
-        self.data
-            .chunks_exact(3)
-            .map(|p| 0.299 * p[0] + 0.587 * p[1] + 0.114 * p[2])
-            .collect()
+        self.data.chunks_exact(3).map(|p| 0.299 * p[0] + 0.587 * p[1] + 0.114 * p[2]).collect()
     }
 
     /// 8-bit luma `[height, width]`: the channels rounded to 8 bits, then
@@ -137,10 +119,7 @@ mod tests {
     #[test]
     fn sizes_are_checked() {
         assert!(matches!(Image::new(0, 5, vec![]), Err(Error::Size { .. })));
-        assert!(matches!(
-            Image::filled(usize::MAX, 2, [0.0; 3]),
-            Err(Error::Size { .. })
-        ));
+        assert!(matches!(Image::filled(usize::MAX, 2, [0.0; 3]), Err(Error::Size { .. })));
         let short = Image::new(2, 2, vec![0.0; 11]).unwrap_err();
         assert_eq!(short.to_string(), "image holds 11 numbers, expected 12");
     }

@@ -18,11 +18,7 @@ impl DepthMap {
     pub fn new(width: usize, height: usize, mut data: Vec<f32>) -> Result<Self> {
         check_size(width, height)?;
         if data.len() != width * height {
-            return Err(Error::Length {
-                what: "depth map",
-                expected: width * height,
-                found: data.len(),
-            });
+            return Err(Error::Length { what: "depth map", expected: width * height, found: data.len() });
         }
         for depth in &mut data {
             if !(depth.is_finite() && *depth > 0.0) {
@@ -75,18 +71,9 @@ impl FeatureMap {
         check_size(width, height)?;
         let expected = channels * width * height;
         if data.len() != expected {
-            return Err(Error::Length {
-                what: "feature map",
-                expected,
-                found: data.len(),
-            });
+            return Err(Error::Length { what: "feature map", expected, found: data.len() });
         }
-        Ok(Self {
-            channels,
-            width,
-            height,
-            data,
-        })
+        Ok(Self { channels, width, height, data })
     }
 
     /// Number of channels.

@@ -63,25 +63,17 @@ fn slot(name: &str, degree: usize) -> Option<Slot> {
 /// If the file cannot be written.
 pub fn write_ply(path: &Path, gaussians: &Gaussians) -> Result<()> {
     let names = property_names(gaussians.sh_degree());
-    let slots: Vec<_> = names
-        .iter()
-        .map(|name| slot(name, gaussians.sh_degree()))
-        .collect();
+    let slots: Vec<_> = names.iter().map(|name| slot(name, gaussians.sh_degree())).collect();
     let sh_row = sh_coefficients(gaussians.sh_degree()) * 3;
     write_atomically(path, |out| {
-        writeln!(
-            out,
-            "ply\nformat binary_little_endian 1.0\ncomment SplatRenderMode: default"
-        )?;
+        writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment SplatRenderMode: default")?;
         writeln!(out, "element vertex {}", gaussians.len())?;
         for name in &names {
             writeln!(out, "property float {name}")?;
         }
         writeln!(out, "end_header")?;
-        let rows = gaussians
-            .geometry()
-            .chunks_exact(Gaussians::GEOMETRY)
-            .zip(gaussians.sh().chunks_exact(sh_row));
+        let rows =
+            gaussians.geometry().chunks_exact(Gaussians::GEOMETRY).zip(gaussians.sh().chunks_exact(sh_row));
         let mut bytes = Vec::with_capacity(slots.len() * 4);
         for (geometry, sh) in rows {
             bytes.clear();
@@ -169,18 +161,12 @@ fn read_header(reader: &mut impl BufRead) -> std::io::Result<std::result::Result
         if bytes.pop() != Some(b'\n') {
             return Ok(None);
         }
-        Ok(Some(
-            String::from_utf8_lossy(&bytes).trim_end_matches('\r').to_owned(),
-        ))
+        Ok(Some(String::from_utf8_lossy(&bytes).trim_end_matches('\r').to_owned()))
     };
     if next_line()?.as_deref() != Some("ply") {
         return Ok(Err(PlyRule::Magic));
     }
-    let mut header = Header {
-        binary: true,
-        vertices: 0,
-        properties: Vec::new(),
-    };
+    let mut header = Header { binary: true, vertices: 0, properties: Vec::new() };
     let (mut elements, mut formatted) = (0, false);
     loop {
         let Some(line) = next_line()? else {
@@ -195,9 +181,7 @@ fn read_header(reader: &mut impl BufRead) -> std::io::Result<std::result::Result
                 formatted = true;
             }
             ["format", found @ ..] => {
-                return Ok(Err(PlyRule::Format {
-                    found: found.join(" "),
-                }));
+                return Ok(Err(PlyRule::Format { found: found.join(" ") }));
             }
             ["element", name, count] => {
                 elements += 1;
@@ -237,23 +221,12 @@ fn read_header(reader: &mut impl BufRead) -> std::io::Result<std::result::Result
 /// If the file cannot be read, breaks a rule of the format (see [`PlyRule`]), or ends early. Memory grows with
 /// the data that is there, not with what the header promises.
 pub fn read_ply(path: &Path) -> Result<Gaussians> {
-    let io = |source| Error::Io {
-        action: "read",
-        path: path.to_path_buf(),
-        source,
-    };
-    let broken = |rule| Error::Ply {
-        path: path.to_path_buf(),
-        rule,
-    };
+    let io = |source| Error::Io { action: "read", path: path.to_path_buf(), source };
+    let broken = |rule| Error::Ply { path: path.to_path_buf(), rule };
     let mut reader = BufReader::with_capacity(1 << 20, File::open(path).map_err(io)?);
     let header = read_header(&mut reader).map_err(io)?.map_err(broken)?;
 
-    let rest = header
-        .properties
-        .iter()
-        .filter(|(_, name)| name.starts_with("f_rest_"))
-        .count();
+    let rest = header.properties.iter().filter(|(_, name)| name.starts_with("f_rest_")).count();
     let Some(degree) = (0..=3).find(|&d| 3 * (sh_coefficients(d) - 1) == rest) else {
         return Err(broken(PlyRule::RestCount { found: rest }));
     };
@@ -263,11 +236,8 @@ pub fn read_ply(path: &Path) -> Result<Gaussians> {
             return Err(broken(PlyRule::MissingProperty { name: needed }));
         }
     }
-    let slots: Vec<_> = header
-        .properties
-        .iter()
-        .map(|(scalar, name)| (*scalar, slot(name, degree)))
-        .collect();
+    let slots: Vec<_> =
+        header.properties.iter().map(|(scalar, name)| (*scalar, slot(name, degree))).collect();
 
     let (mut geometry, mut sh) = (Vec::new(), Vec::new());
     let mut geometry_row = [0.0; Gaussians::GEOMETRY];
@@ -276,20 +246,13 @@ pub fn read_ply(path: &Path) -> Result<Gaussians> {
     let (mut bytes, mut line) = (vec![0; row_bytes], Vec::new());
     let mut values = Vec::with_capacity(slots.len());
     for vertex in 0..header.vertices {
-        let truncated = || {
-            broken(PlyRule::Truncated {
-                promised: header.vertices,
-                found: vertex,
-            })
-        };
+        let truncated = || broken(PlyRule::Truncated { promised: header.vertices, found: vertex });
         values.clear();
         if header.binary {
-            reader
-                .read_exact(&mut bytes)
-                .map_err(|error| match error.kind() {
-                    std::io::ErrorKind::UnexpectedEof => truncated(),
-                    _ => io(error),
-                })?;
+            reader.read_exact(&mut bytes).map_err(|error| match error.kind() {
+                std::io::ErrorKind::UnexpectedEof => truncated(),
+                _ => io(error),
+            })?;
             let mut rest = bytes.as_slice();
             for &(scalar, _) in &slots {
                 values.push(scalar.decode(rest));
@@ -298,20 +261,12 @@ pub fn read_ply(path: &Path) -> Result<Gaussians> {
         } else {
             line.clear();
             // A row of 62 numbers stays far below the header's limit, so one limit serves both.
-            (&mut reader)
-                .take(HEADER_LIMIT)
-                .read_until(b'\n', &mut line)
-                .map_err(io)?;
+            (&mut reader).take(HEADER_LIMIT).read_until(b'\n', &mut line).map_err(io)?;
             let text = String::from_utf8_lossy(&line);
             let mut words = text.split_ascii_whitespace();
             for _ in &slots {
                 let word = words.next().ok_or_else(truncated)?;
-                let number = word.parse().map_err(|_| {
-                    broken(PlyRule::Number {
-                        vertex,
-                        found: word.into(),
-                    })
-                });
+                let number = word.parse().map_err(|_| broken(PlyRule::Number { vertex, found: word.into() }));
                 values.push(number?);
             }
         }
@@ -349,13 +304,7 @@ mod tests {
     }
 
     fn same_bits(a: &Gaussians, b: &Gaussians) -> bool {
-        let bits = |g: &Gaussians| {
-            g.geometry()
-                .iter()
-                .chain(g.sh())
-                .map(|v| v.to_bits())
-                .collect::<Vec<_>>()
-        };
+        let bits = |g: &Gaussians| g.geometry().iter().chain(g.sh()).map(|v| v.to_bits()).collect::<Vec<_>>();
         a.sh_degree() == b.sh_degree() && bits(a) == bits(b)
     }
 
@@ -364,11 +313,7 @@ mod tests {
         let path = folder.path().join("x.ply");
         fs::write(&path, text).unwrap();
         let error = read_ply(&path).unwrap_err().to_string();
-        error
-            .split_once("x.ply: ")
-            .expect("the error names the file")
-            .1
-            .to_owned()
+        error.split_once("x.ply: ").expect("the error names the file").1.to_owned()
     }
 
     proptest! {
@@ -410,14 +355,9 @@ mod tests {
         write_ply(&path, &Gaussians::new(1, vec![0.0; 11], sh).unwrap()).unwrap();
         let bytes = fs::read(&path).unwrap();
         let data = &bytes[bytes.len() - (6 + 12 + 8) * 4..];
-        let values: Vec<f32> = data
-            .chunks_exact(4)
-            .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
-            .collect();
-        assert_eq!(
-            values[6..18],
-            [0.0, 1.0, 2.0, 3.0, 6.0, 9.0, 4.0, 7.0, 10.0, 5.0, 8.0, 11.0]
-        );
+        let values: Vec<f32> =
+            data.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
+        assert_eq!(values[6..18], [0.0, 1.0, 2.0, 3.0, 6.0, 9.0, 4.0, 7.0, 10.0, 5.0, 8.0, 11.0]);
     }
 
     #[test]
@@ -426,34 +366,23 @@ mod tests {
         let path = folder.path().join("x.ply");
         let columns =
             "x y z label f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
-        let header: String = columns
-            .split(' ')
-            .map(|c| format!("property double {c}\n"))
-            .collect();
+        let header: String = columns.split(' ').map(|c| format!("property double {c}\n")).collect();
         let text = format!(
             "ply\r\nformat ascii 1.0\ncomment hello\nelement vertex 1\n{header}element face 1\n\
              property list uchar int i\nend_header\n1 2 3 77 .1 .2 .3 -1 -2 -3 -4 1 0 0 0\n3 0 0 0\n"
         );
         fs::write(&path, text).unwrap();
         let scene = read_ply(&path).unwrap();
-        assert_eq!(
-            scene.geometry(),
-            [1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0, -2.0, -3.0, -4.0, -1.0]
-        );
+        assert_eq!(scene.geometry(), [1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0, -2.0, -3.0, -4.0, -1.0]);
         assert_eq!(scene.sh(), [0.1, 0.2, 0.3]);
     }
 
     #[test]
     fn broken_files_name_their_rule() {
         let base = "ply\nformat binary_little_endian 1.0\nelement vertex 18446744073709551615\n";
-        let all: String = property_names(0)
-            .iter()
-            .map(|name| format!("property float {name}\n"))
-            .collect::<String>();
-        assert_eq!(
-            read_text(b"solid"),
-            "not a PLY file (the first line is not \"ply\")"
-        );
+        let all: String =
+            property_names(0).iter().map(|name| format!("property float {name}\n")).collect::<String>();
+        assert_eq!(read_text(b"solid"), "not a PLY file (the first line is not \"ply\")");
         assert!(read_text(base.as_bytes()).starts_with("the header has no end_header"));
         assert!(
             read_text(&[b"ply\n".as_slice(), &vec![b'x'; 1 << 17]].concat()).starts_with("the header has no")
@@ -462,10 +391,7 @@ mod tests {
             read_text(b"ply\nformat binary_big_endian 1.0\nend_header\n"),
             "format \"binary_big_endian 1.0\" is not supported, expected binary_little_endian 1.0 or ascii 1.0"
         );
-        assert_eq!(
-            read_text(b"ply\nformat ascii 1.0\nend_header\n"),
-            "the first element must be \"vertex\""
-        );
+        assert_eq!(read_text(b"ply\nformat ascii 1.0\nend_header\n"), "the first element must be \"vertex\"");
         assert!(
             read_text(b"ply\nformat ascii 1.0\nelement vertex -1\nend_header\n")
                 .contains("is not understood")

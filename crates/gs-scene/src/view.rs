@@ -38,12 +38,7 @@ impl View {
                 });
             }
         }
-        Ok(Self {
-            name,
-            image,
-            camera,
-            depth,
-        })
+        Ok(Self { name, image, camera, depth })
     }
 
     /// Name of the view (the file's stem, usually).
@@ -84,27 +79,12 @@ mod tests {
 
     #[test]
     fn sizes_must_agree() {
-        let lens = Intrinsics {
-            fx: 4.0,
-            fy: 4.0,
-            cx: 2.0,
-            cy: 1.5,
-            width: 4,
-            height: 3,
-        };
+        let lens = Intrinsics { fx: 4.0, fy: 4.0, cx: 2.0, cy: 1.5, width: 4, height: 3 };
         let camera = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let image = Image::filled(4, 3, [0.5; 3]).unwrap();
         assert!(View::new("a", image.clone(), camera, None).is_ok());
-        let wrong = View::new(
-            "a",
-            image.clone(),
-            camera,
-            Some(DepthMap::new(3, 3, vec![1.0; 9]).unwrap()),
-        );
-        assert_eq!(
-            wrong.unwrap_err().to_string(),
-            "view a: depth is 3x3, the camera says 4x3"
-        );
+        let wrong = View::new("a", image.clone(), camera, Some(DepthMap::new(3, 3, vec![1.0; 9]).unwrap()));
+        assert_eq!(wrong.unwrap_err().to_string(), "view a: depth is 3x3, the camera says 4x3");
         assert!(View::new("a", Image::filled(3, 4, [0.5; 3]).unwrap(), camera, None).is_err());
     }
 }

@@ -51,12 +51,7 @@ mod tests {
             w.write_all(b"new")?;
             Err(std::io::Error::from(std::io::ErrorKind::StorageFull))
         });
-        assert!(
-            failed
-                .unwrap_err()
-                .to_string()
-                .ends_with("file.txt: cannot write")
-        );
+        assert!(failed.unwrap_err().to_string().ends_with("file.txt: cannot write"));
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
     }

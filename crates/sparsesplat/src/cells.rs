@@ -27,7 +27,7 @@ pub(crate) struct Cell {
     /// Mean colour.
     pub(crate) colour: [f32; 3],
     /// Mean inverse depth.
-    inverse_depth: f32,
+    pub(crate) inverse_depth: f32,
 }
 
 /// No cell: the pixel has no depth, or no seed reaches it.

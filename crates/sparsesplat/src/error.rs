@@ -14,6 +14,9 @@ pub enum Error {
     /// Pixels that cannot be lifted.
     #[error(transparent)]
     Backproject(#[from] backproject::Error),
+    /// Anchors without neighbours.
+    #[error(transparent)]
+    Knn(#[from] knn::Error),
     /// A budget of nothing.
     #[error("budget is 0 Gaussians, expected at least 1")]
     EmptyBudget,

@@ -13,7 +13,7 @@ const ENOUGH: usize = 300;
 /// Depths that differ by more than this (relative) are not the same point.
 const SAME_POINT: f64 = 0.02;
 /// Weight of "no change" against the mean square luma difference of a pair of views.
-const PRIOR: f64 = 0.05;
+const PRIOR: f64 = 0.5;
 /// Gains and biases are only applied if one of them moves a mid-grey by more than this (0..1).
 const NOTICEABLE: f64 = 0.01;
 

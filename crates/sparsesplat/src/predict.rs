@@ -8,7 +8,11 @@ use entropy_sampler::{EntropyWindow, ImportanceMap};
 use glam::{DVec2, DVec3};
 use gs_scene::{Gaussians, View};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::time::Instant;
+
+/// Confidence from which on a depth is measured or confirmed by another view, not filled in.
+const CONFIRMED: f32 = 0.5;
 
 /// Runs one stage and takes its wall time.
 fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
@@ -62,11 +66,17 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
         (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()
     })?;
 
+    on_stage(Stage::Knn);
+    let anchors = Anchors::concat(anchors);
+    let areas = timed(&mut seconds.knn, || area_per_anchor(&anchors, config.neighbours))?;
+
     on_stage(Stage::Head);
     let per_view: Vec<Gaussians> = timed(&mut seconds.head, || {
-        let of = |i: usize| head(&exposed[i], &geometry[i], &anchors[i]);
+        let first = |view: usize| pixels[..view].iter().map(Vec::len).sum::<usize>();
+        let of = |i: usize| head(&exposed[i], &geometry[i], &anchors, first(i)..first(i + 1), &areas);
         (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()
     })?;
+
     on_stage(Stage::Decode);
     let mut gaussians = Gaussians::empty(0)?;
     timed(&mut seconds.decode, || {
@@ -141,20 +151,42 @@ fn sample(
     Ok((samples.pixels, Some(samples.probability.tau)))
 }
 
-/// The closed-form head on one view's anchors.
-fn head(view: &View, geometry: &ViewGeometry, anchors: &Anchors) -> Result<Gaussians> {
+/// Surface per anchor, scene units²: the disc that reaches to the K-th neighbour, shared among K.
+fn area_per_anchor(anchors: &Anchors, neighbours: usize) -> Result<Vec<Option<f64>>> {
+    if neighbours == 0 || anchors.is_empty() {
+        return Ok(vec![None; anchors.len()]);
+    }
+    let found = knn::knn(&anchors.positions, neighbours)?;
+    let area = |row: usize| {
+        let &farthest = found.row(row).1.last()?;
+        Some(std::f64::consts::PI * f64::from(farthest) / found.k as f64)
+    };
+    Ok((0..anchors.len()).map(area).collect())
+}
+
+/// The closed-form head on the anchors `range` of one view.
+fn head(
+    view: &View,
+    geometry: &ViewGeometry,
+    anchors: &Anchors,
+    range: Range<usize>,
+    areas: &[Option<f64>],
+) -> Result<Gaussians> {
     let inverse = |(usable, &depth): (bool, &f32)| if usable { 1.0 / depth } else { 0.0 };
     let inverse_depth: Vec<f32> = usable(geometry).zip(geometry.depth.data()).map(inverse).collect();
     let width = view.image().width();
     let mut gaussians = Gaussians::empty(0)?;
-    for (i, cell) in cells(view.image(), &inverse_depth, &anchors.pixels).iter().enumerate() {
+    let cells = cells(view.image(), &inverse_depth, &anchors.pixels[range.clone()]);
+    for (i, cell) in range.zip(&cells) {
         let pixel = anchors.pixels[i] as usize;
         let surface = Surface {
-            depth: f64::from(anchors.depths[i]),
             pixel: DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5),
+            depth: f64::from(anchors.depths[i]),
             normal: DVec3::from(anchors.normals[i].map(f64::from)),
+            area_per_anchor: areas[i],
+            confirmed: geometry.confidence[pixel] >= CONFIRMED,
         };
-        closed_form::push(&mut gaussians, view.camera(), &surface, cell, closed_form::opacity(cell.area));
+        closed_form::push(&mut gaussians, view.camera(), &surface, cell);
     }
     Ok(gaussians)
 }
