@@ -112,7 +112,7 @@ fn keep_two_smallest(
         let variance = (seven(squares, i) * (1.0 / WINDOW) - warped_mean * warped_mean).max(0.0);
         let covariance = seven(products, i) * (1.0 / WINDOW) - warped_mean * mean[i];
         let correlation = covariance * inverse_deviation[i] / (variance + NOISE_VARIANCE).sqrt();
-        let cost = (1.0 - correlation).max(0.0).min(1.0);
+        let cost = (1.0 - correlation).clamp(0.0, 1.0);
         let cost = if inside[i] > 0.0 { cost } else { OUTSIDE_COST };
         second[i] = second[i].min(smallest[i].max(cost));
         smallest[i] = smallest[i].min(cost);

@@ -125,10 +125,9 @@ mod tests {
             DQuat::from_xyzw(q[1].into(), q[2].into(), q[3].into(), q[0].into()).normalize(),
         );
         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for axis in 0..3 {
+        for (axis, log_scale) in row[LOG_SCALE].iter().enumerate() {
             // The picture of each axis by differences, small against the disc's depth.
-            let sigma = f64::from(row[LOG_SCALE][axis].exp());
-            let step = rotation.col(axis) * sigma * 1e-3;
+            let step = rotation.col(axis) * f64::from(log_scale.exp()) * 1e-3;
             let moved = (camera.project(mean + step).unwrap() - camera.project(mean - step).unwrap()) / 2e-3;
             xx += moved.x * moved.x;
             xy += moved.x * moved.y;

@@ -73,41 +73,39 @@ fn summarise(views: [usize; 2], mut pairs: Vec<[f64; 2]>) -> Option<Overlap> {
     Some(Overlap { views, means, deviations })
 }
 
-/// Least squares over all pairs: g_a (m ± d)_a + b_a = g_b (m ± d)_b + b_b, drawn weakly to g = 1, b = 0.
+/// Least squares over all pairs: g_a (m ± d)_a + b_a = g_b (m ± d)_b + b_b, drawn weakly to g = 1, b = 0. The unknowns
+/// are g and b of the first view, of the second …
 fn solve(n_views: usize, overlaps: &[Overlap]) -> Vec<[f64; 2]> {
     let n = 2 * n_views;
-    let mut normal = vec![vec![0.0; n + 1]; n];
-    for i in 0..n {
-        normal[i][i] += PRIOR;
-        normal[i][n] += if i % 2 == 0 { PRIOR } else { 0.0 };
+    // Normal equations; the last column is the right-hand side.
+    let mut rows = vec![vec![0.0; n + 1]; n];
+    for (i, row) in rows.iter_mut().enumerate() {
+        row[i] = PRIOR;
+        row[n] = if i % 2 == 0 { PRIOR } else { 0.0 };
     }
     for overlap in overlaps {
         for sign in [-1.0, 1.0] {
             let [a, b] = overlap.views;
             let at = |side: usize| overlap.means[side] + sign * overlap.deviations[side];
-            let row = [(2 * a, at(0)), (2 * a + 1, 1.0), (2 * b, -at(1)), (2 * b + 1, -1.0)];
-            for (i, p) in row {
-                for (j, q) in row {
-                    normal[i][j] += p * q;
+            let equation = [(2 * a, at(0)), (2 * a + 1, 1.0), (2 * b, -at(1)), (2 * b + 1, -1.0)];
+            for (i, p) in equation {
+                for (j, q) in equation {
+                    rows[i][j] += p * q;
                 }
             }
         }
     }
-    // Gaussian elimination; the prior makes the matrix positive definite, so no pivoting is needed.
+    // Gauss-Jordan elimination; the prior makes the matrix positive definite, so no pivoting is needed.
     for i in 0..n {
-        for k in i + 1..n {
-            let factor = normal[k][i] / normal[i][i];
-            for j in i..=n {
-                normal[k][j] -= factor * normal[i][j];
+        let pivot: Vec<f64> = rows[i].iter().map(|v| v / rows[i][i]).collect();
+        for (k, row) in rows.iter_mut().enumerate() {
+            let factor = row[i];
+            for (value, pivot) in row.iter_mut().zip(&pivot) {
+                *value = if k == i { *pivot } else { *value - factor * pivot };
             }
         }
     }
-    let mut solution = vec![0.0; n];
-    for i in (0..n).rev() {
-        let known: f64 = (i + 1..n).map(|j| normal[i][j] * solution[j]).sum();
-        solution[i] = (normal[i][n] - known) / normal[i][i];
-    }
-    solution.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect()
+    rows.chunks_exact(2).map(|pair| [pair[0][n], pair[1][n]]).collect()
 }
 
 /// Gain and bias per view, mean gain 1 and mean bias 0; exactly (1, 0) for all if the views do not noticeably differ.
