@@ -21,7 +21,7 @@ pub struct Selection {
 /// Chooses `n` connected context views that cover as many frames as that allows.
 ///
 /// *Content* of a view are 3 depths (between near, median and far, evenly in inverse depth) on a 6×6 grid of its
-/// pixels; another view *shares* the points that it sees in its image, in front of it and from a direction at most 30
+/// pixels; another view *shares* the points that it sees in its image, in front of it and from a direction at most 25
 /// degrees apart. Occlusion is not known here. A frame is *covered* if one chosen view shares at least half of its
 /// content, and a covered frame is what may be chosen next; the first two views cover each other. So every chosen
 /// view shares at least half of its content with another chosen one.

@@ -38,7 +38,7 @@ fn share(viewer: &Camera, viewed: &Camera, depth: SceneDepth) -> f64 {
             let point = viewed.unproject(cell * DVec2::new(320.0, 240.0), depth);
             let angle = (point - viewed.position()).angle_between(point - viewer.position());
             let inside = viewer.project(point).is_some_and(|pixel| viewer.contains(pixel));
-            seen += usize::from(inside && angle.to_degrees() <= 30.0);
+            seen += usize::from(inside && angle.to_degrees() <= 25.0);
         }
     }
     seen as f64 / (3.0 * 24.0 * 24.0)
@@ -55,7 +55,7 @@ fn a_line_is_covered_end_to_end_and_targets_lie_between() {
         assert!(best > 0.45, "{view} shares only {best}");
     }
     // Five links of four steps and as much covered beyond either end. Five steps, 2.5, are less than half a picture,
-    // but too many of the near points are then seen more than 30 degrees apart.
+    // but too many of the near points are then seen more than 25 degrees apart.
     assert_eq!(selection.uncovered, 0.0);
     let (first, last) = (selection.context[0], selection.context[5]);
     assert!(selection.targets.iter().all(|target| (first..last).contains(target)));
