@@ -46,7 +46,7 @@ pub struct Choice {
 }
 
 /// How photographs are read.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Reading {
     /// Size to scale and crop to; as they lie on disk without.
     pub size: Option<(usize, usize)>,

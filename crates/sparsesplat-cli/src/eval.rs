@@ -124,7 +124,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let table = figures_table(&evaluation.windows, &evaluation.scenes, &evaluation.mean, true);
     print(&if arguments.markdown { table.to_markdown() } else { table.to_text() });
     let peak = peak_rss_bytes();
-    let recipe = Recipe::of_this_run(seeds[0], threads(), Settings { seeds: &seeds, pipeline: &config });
+    let settings = Settings { seeds: &seeds, reading, pipeline: &config };
+    let recipe = Recipe::of_this_run(seeds[0], threads(), settings);
     if let Some(path) = &common.json {
         output::write_json(path, &Record { recipe: &recipe, evaluation: &evaluation, peak_rss_bytes: peak })?;
     }
@@ -149,6 +150,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 #[derive(Serialize)]
 struct Settings<'a> {
     seeds: &'a [u64],
+    reading: Reading,
+    /// With the depth hint, the range is the data set's.
     #[serde(flatten)]
     pipeline: &'a sparsesplat::Config,
 }
