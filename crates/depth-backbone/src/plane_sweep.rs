@@ -33,6 +33,9 @@ const REFINEMENT_ROUNDS: [f32; 2] = [1.6, 0.5];
 
 /// Confirmed pixels must come in connected patches of at least this many.
 const SMALLEST_PATCH: usize = 150;
+/// Standard deviation of the luma in a window, 8-bit levels, below which an agreement means nothing: clear sky agrees
+/// with itself at any depth.
+const FLAT: f32 = 1.0;
 /// Confidence of depth that was filled in from confirmed neighbours …
 const FILLED_CONFIDENCE: f32 = 0.25;
 /// … and of depth that nothing supports: a view without a single confirmed pixel.
@@ -271,6 +274,11 @@ fn fuse_and_fill(
     let view = &all[index];
     let (texture, own) = (&view.texture, &inverse_depths[index]);
     let mut agreed = agree(view.view, own, &witnesses(index, all, inverse_depths), planes);
+    for (pixel, (count, _)) in agreed.iter_mut().enumerate() {
+        if view.statistics.deviation(pixel) < FLAT {
+            *count = 0;
+        }
+    }
     remove_speckles(&mut agreed, texture.width, planes.step());
     let (weights, values): (Vec<f32>, Vec<f32>) =
         agreed.iter().map(|&(count, mean)| (f32::from(count), mean)).unzip();
