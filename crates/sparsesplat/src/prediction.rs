@@ -11,7 +11,7 @@ pub struct Prediction {
     pub counts: Counts,
     /// The paper's tau that the budget was solved to; `None` for pixel-aligned.
     pub tau: Option<f64>,
-    /// Depth, confidence and features per view.
+    /// Depth and confidence per view; the closed-form head asks for no features.
     pub geometry: Vec<ViewGeometry>,
     /// Gain and bias that brought each view into the common exposure.
     pub exposure: Vec<ExposureGain>,
