@@ -1,0 +1,103 @@
+use crate::{COURTYARD, check_prediction, given_depth, plane_sweep, positions, run};
+use glam::DVec3;
+use gs_scene::View;
+use sparsesplat::{Allocation, Budget, Config, Prediction, Sampler, Stage, predict};
+
+/// The count is the budget, and the shell takes at most its share of it.
+fn check_exact(views: &[View], config: &Config, n: usize) -> Prediction {
+    let prediction = run(views, &Config { budget: Budget::Gaussians(n), ..config.clone() });
+    assert_eq!(prediction.counts.total, n);
+    assert!(prediction.counts.shell as f64 <= 0.15 * n as f64, "{:?}", prediction.counts);
+    assert!(prediction.tau.is_some_and(|tau| tau.is_finite() && tau > 0.0));
+    prediction
+}
+
+#[test]
+fn the_budget_is_met_exactly_by_every_allocation_and_backbone() {
+    let views = &COURTYARD.0;
+    for allocation in [Allocation::Entropy, Allocation::Laplacian, Allocation::Random] {
+        check_exact(views, &Config { allocation, ..given_depth(1) }, 3_001);
+    }
+    for n in [1, 2, 10, 100, 20_000] {
+        check_exact(views, &given_depth(1), n);
+    }
+    check_exact(&views[..3], &plane_sweep(1), 5_000);
+}
+
+#[test]
+fn the_shell_can_be_left_out_and_is_there_when_the_budget_allows() {
+    let views = &COURTYARD.0;
+    let with = check_exact(views, &given_depth(1), 6_000);
+    let without = check_exact(views, &Config { far_shell: false, ..given_depth(1) }, 6_000);
+    assert!(with.counts.shell > 100, "{:?}", with.counts);
+    assert_eq!(without.counts.shell, 0);
+    // The shell comes last, and begins with the first view's, behind the scene.
+    let first = positions(&with.gaussians)[6_000 - with.counts.shell];
+    let depth = views[0].camera().to_camera(DVec3::from(first.map(f64::from))).z;
+    assert!((0.999..4.0).contains(&(depth / with.depth_range.1)), "{depth}, range {:?}", with.depth_range);
+}
+
+#[test]
+fn more_than_there_are_pixels_is_every_usable_pixel() {
+    let views = &COURTYARD.0[..2];
+    let usable = views.iter().map(|v| v.depth().unwrap().data().iter().filter(|&&d| d > 0.0).count());
+    let usable: Vec<usize> = usable.collect();
+    for n in [1_000_000, usize::MAX] {
+        let prediction = run(views, &given_depth(n));
+        assert_eq!(prediction.counts.per_view, usable, "budget {n}");
+    }
+    let aligned = Config { allocation: Allocation::PixelAligned, ..given_depth(7) };
+    let prediction = run(views, &aligned);
+    assert_eq!((prediction.counts.per_view, prediction.tau), (usable, None));
+}
+
+#[test]
+fn bernoulli_varies_around_the_budget() {
+    let n = 4_000;
+    let count = |seed| {
+        let config = Config { sampler: Sampler::Bernoulli, seed, far_shell: false, ..given_depth(n) };
+        run(&COURTYARD.0, &config).counts.total
+    };
+    let counts = [0, 1, 2].map(count);
+    // The variance of a sum of independent draws with mean n is at most n.
+    let five_sigma = 5.0 * (n as f64).sqrt();
+    assert!(counts.iter().all(|&count| (count as f64 - n as f64).abs() < five_sigma), "{counts:?}");
+    assert!(counts.iter().any(|&count| count != counts[0]), "{counts:?}");
+}
+
+#[test]
+fn the_tau_of_a_budget_gives_its_count_and_the_shell_comes_on_top() {
+    let n = 4_000;
+    let bare = Config { far_shell: false, ..given_depth(n) };
+    let tau = run(&COURTYARD.0, &bare).tau.unwrap();
+    let by_tau = Config { budget: Budget::Tau(tau), ..bare };
+    let prediction = run(&COURTYARD.0, &by_tau);
+    assert!(prediction.counts.total.abs_diff(n) <= 1, "{:?}", prediction.counts);
+    assert_eq!(prediction.tau, Some(tau));
+    let backed = run(&COURTYARD.0, &Config { far_shell: true, ..by_tau });
+    assert_eq!(backed.counts.per_view, prediction.counts.per_view);
+    assert!(backed.counts.shell > 0);
+}
+
+#[test]
+fn stages_are_announced_in_order_and_timed() {
+    let mut stages = Vec::new();
+    let prediction = predict(&COURTYARD.0, &given_depth(2_000), &mut |stage| stages.push(stage)).unwrap();
+    check_prediction(&COURTYARD.0, &prediction);
+    let expected = [
+        Stage::Backbone,
+        Stage::Exposure,
+        Stage::Shell,
+        Stage::Sampling,
+        Stage::Backproject,
+        Stage::Knn,
+        Stage::Head,
+        Stage::Decode,
+    ];
+    assert_eq!(stages, expected);
+    let s = prediction.seconds;
+    assert!(
+        [s.exposure, s.sampling, s.backproject, s.knn, s.head].iter().all(|&seconds| seconds > 0.0),
+        "{s:?}"
+    );
+}

@@ -1,0 +1,111 @@
+use crate::{COURTYARD, check_prediction, given_depth, plane_sweep, run};
+use gs_scene::{DepthMap, View};
+use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Error, predict};
+
+fn check_error(views: &[View], config: &Config, expected: impl Fn(&Error) -> bool) {
+    match predict(views, config, &mut |_| {}) {
+        Ok(prediction) => panic!("{:?}, expected an error", prediction.counts),
+        Err(error) => assert!(expected(&error), "{error}"),
+    }
+}
+
+fn is_backbone(error: &Error) -> bool {
+    matches!(error, Error::Backbone(_))
+}
+
+fn is_sampling(error: &Error) -> bool {
+    matches!(error, Error::Sampling(_))
+}
+
+fn with_depth(view: &View, depth: impl Fn(usize) -> f32) -> View {
+    let n = view.image().width() * view.image().height();
+    let depth =
+        DepthMap::new(view.image().width(), view.image().height(), (0..n).map(depth).collect()).unwrap();
+    View::new(view.name(), view.image().clone(), *view.camera(), Some(depth)).unwrap()
+}
+
+#[test]
+fn a_budget_of_nothing() {
+    for config in [given_depth(0), plane_sweep(0)] {
+        check_error(&COURTYARD.0, &config, |e| matches!(e, Error::EmptyBudget));
+    }
+    for tau in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        check_error(&COURTYARD.0, &Config { budget: Budget::Tau(tau), ..given_depth(1) }, is_sampling);
+    }
+}
+
+#[test]
+fn too_few_views_for_the_backbone() {
+    check_error(&[], &plane_sweep(100), is_backbone);
+    check_error(&COURTYARD.0[..1], &plane_sweep(100), is_backbone);
+    check_error(&[], &given_depth(100), |e| !matches!(e, Error::EmptyBudget));
+    assert_eq!(run(&COURTYARD.0[..1], &given_depth(100)).counts.total, 100);
+}
+
+#[test]
+fn no_depth_and_no_range() {
+    let bare = |view: &View| View::new(view.name(), view.image().clone(), *view.camera(), None).unwrap();
+    let views: Vec<View> = COURTYARD.0.iter().map(bare).collect();
+    check_error(&views, &given_depth(100), is_backbone);
+    let empty: Vec<View> = COURTYARD.0.iter().map(|view| with_depth(view, |_| 0.0)).collect();
+    check_error(&empty, &given_depth(100), is_backbone);
+    let inside_out = DepthRange::Known { near: 5.0, far: 2.0 };
+    check_error(&COURTYARD.0, &Config { depth_range: inside_out, ..plane_sweep(100) }, is_backbone);
+}
+
+#[test]
+fn a_pixel_that_is_not_finite_is_an_error_of_the_backbone() {
+    let mut views = COURTYARD.0.clone();
+    views[1].image_mut().data_mut()[70] = f32::NAN;
+    check_error(&views, &plane_sweep(100), is_backbone);
+}
+
+#[test]
+fn tiny_budgets_and_any_number_of_neighbours() {
+    for neighbours in [0, 1, 500, usize::MAX] {
+        for n in [1, 2, 10, 300] {
+            assert_eq!(run(&COURTYARD.0, &Config { neighbours, ..given_depth(n) }).counts.total, n);
+        }
+    }
+}
+
+#[test]
+fn pictures_of_one_colour_and_single_measured_pixels() {
+    for grey in [0.0, 0.5, 1.0] {
+        let mut views = COURTYARD.0[..2].to_vec();
+        views.iter_mut().for_each(|view| view.image_mut().data_mut().fill(grey));
+        for allocation in
+            [Allocation::Entropy, Allocation::Laplacian, Allocation::Random, Allocation::PixelAligned]
+        {
+            let config = Config { allocation, ..given_depth(400) };
+            match predict(&views, &config, &mut |_| {}) {
+                Ok(prediction) => check_prediction(&views, &prediction),
+                Err(error) => assert!(is_sampling(&error), "{allocation:?}: {error}"),
+            }
+        }
+    }
+    let lone: Vec<View> = COURTYARD.0[..2]
+        .iter()
+        .map(|view| with_depth(view, |i| if i == 8_000 { 4.0 } else { 0.0 }))
+        .collect();
+    assert_eq!(run(&lone, &Config { far_shell: false, ..given_depth(400) }).counts.per_view, [1, 1]);
+}
+
+#[test]
+fn depth_with_deep_steps_and_of_extreme_scale() {
+    let checkered = |i: usize| if (i / 3).is_multiple_of(2) { 0.1_f32 } else { 1e4 };
+    let tiny = |i: usize| 1e-6 * (1 + i % 7) as f32;
+    let huge = |i: usize| 1e7 * (1 + i % 7) as f32;
+    for depth in [&checkered as &dyn Fn(usize) -> f32, &tiny, &huge] {
+        let views: Vec<View> = COURTYARD.0[..2].iter().map(|view| with_depth(view, depth)).collect();
+        assert_eq!(run(&views, &given_depth(700)).counts.total, 700);
+        assert_eq!(run(&views, &given_depth(3)).counts.total, 3);
+    }
+}
+
+#[test]
+fn a_camera_given_twice_and_cameras_in_one_place() {
+    let twice = vec![COURTYARD.0[0].clone(); 3];
+    assert_eq!(run(&twice, &given_depth(900)).counts.total, 900);
+    check_error(&twice, &Config { backbone: Backbone::PlaneSweep, ..given_depth(900) }, is_backbone);
+}

@@ -1,0 +1,71 @@
+use crate::{COURTYARD, given_depth, plane_sweep, positions, psnr, run};
+use glam::DVec3;
+use gs_scene::{Camera, DepthMap, View};
+use sparsesplat::{Config, Prediction, Sampler};
+
+fn bits(prediction: &Prediction) -> Vec<u32> {
+    let gaussians = &prediction.gaussians;
+    gaussians.geometry().iter().chain(gaussians.sh()).map(|v| v.to_bits()).collect()
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let views = &COURTYARD.0[..3];
+    for config in [plane_sweep(3_000), Config { sampler: Sampler::Bernoulli, ..given_depth(3_000) }] {
+        let run_on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| run(views, &config))
+        };
+        let (one, two) = (run_on(1), run_on(2));
+        assert!(bits(&one) == bits(&two), "{config:?}");
+        assert_eq!((one.counts, one.tau, one.exposure), (two.counts, two.tau, two.exposure));
+    }
+}
+
+#[test]
+fn the_seed_changes_which_pixels_are_chosen() {
+    for sampler in [Sampler::Fixed, Sampler::Bernoulli] {
+        let of = |seed| bits(&run(&COURTYARD.0, &Config { seed, sampler, ..given_depth(3_000) }));
+        assert!(of(0) == of(0) && of(0) != of(1), "{sampler:?}");
+    }
+}
+
+#[test]
+fn every_allocation_chooses_other_pixels() {
+    use sparsesplat::Allocation::{Entropy, Laplacian, Random};
+    let of =
+        |allocation| positions(&run(&COURTYARD.0, &Config { allocation, ..given_depth(3_000) }).gaussians);
+    let [entropy, laplacian, random] = [Entropy, Laplacian, Random].map(of);
+    assert!(entropy != laplacian && entropy != random && laplacian != random);
+}
+
+/// The scene scaled about the origin, then moved.
+fn moved(views: &[View], scale: f64, offset: DVec3) -> Vec<View> {
+    let move_one = |view: &View| {
+        let camera = view.camera();
+        let position = camera.position() * scale + offset;
+        let camera =
+            Camera::new(*camera.intrinsics(), camera.rotation(), -(camera.rotation() * position)).unwrap();
+        let depth = view.depth().unwrap().data().iter().map(|&d| d * scale as f32).collect();
+        let depth = DepthMap::new(camera.width(), camera.height(), depth).unwrap();
+        View::new(view.name(), view.image().clone(), camera, Some(depth)).unwrap()
+    };
+    views.iter().map(move_one).collect()
+}
+
+/// Held-out PSNR of the moved scene must be the original's within half a decibel.
+fn check_moved(config: &Config, scale: f64, offset: f64) {
+    let (views, targets) = &*COURTYARD;
+    let offset = DVec3::new(offset, -offset, offset);
+    let before = psnr(&run(views, config), targets);
+    let after = psnr(&run(&moved(views, scale, offset), config), &moved(targets, scale, offset));
+    assert!((after - before).abs() < 0.5, "scale {scale}, offset {offset}: {before:.2} became {after:.2} dB");
+}
+
+#[test]
+fn scale_and_offset_do_not_matter() {
+    check_moved(&given_depth(6_000), 1.0, 1e4);
+    check_moved(&given_depth(6_000), 100.0, 1e4);
+    check_moved(&given_depth(6_000), 0.01, 0.0);
+    check_moved(&plane_sweep(6_000), 100.0, 1e4);
+}

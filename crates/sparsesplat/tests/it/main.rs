@@ -1,0 +1,94 @@
+//! What a user of the crate may rely on.
+
+// clippy.toml allows it in test functions; these helpers serve nothing else.
+#![allow(clippy::unwrap_used)]
+
+/// How many Gaussians, and where they come from.
+mod counts;
+/// Photographs of different exposure.
+mod exposure;
+/// Input that is wrong or extreme: an error that names it, or a defined result.
+mod hostile;
+/// What must and what must not change the result.
+mod invariance;
+/// Held-out views of a simulated scene.
+mod quality;
+
+use gs_raster::{RenderSettings, render};
+use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, View, sigmoid};
+use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
+use sparsesplat::{Backbone, Budget, Config, Prediction, predict};
+use std::sync::LazyLock;
+
+const WIDTH: usize = 160;
+const HEIGHT: usize = 107;
+
+/// Four neighbouring views of the demonstration courtyard, and the three held-out views between them, with exact depth.
+static COURTYARD: LazyLock<(Vec<View>, Vec<View>)> = LazyLock::new(|| {
+    let scene = Traced::new(&demo_scene()).unwrap();
+    let (context, targets) = demo_cameras(WIDTH, HEIGHT).unwrap();
+    (photograph(&scene, &context[1..5]), photograph(&scene, &targets[1..4]))
+});
+
+fn photograph(scene: &Traced, cameras: &[Camera]) -> Vec<View> {
+    let name = |i: usize| format!("photograph {i}");
+    cameras.iter().enumerate().map(|(i, camera)| render_view(scene, camera, 4, name(i), 0).unwrap()).collect()
+}
+
+/// Exact depth: fast, and nothing but the crate under test decides.
+fn given_depth(gaussians: usize) -> Config {
+    Config { backbone: Backbone::GivenDepth, budget: Budget::Gaussians(gaussians), ..Config::default() }
+}
+
+fn plane_sweep(gaussians: usize) -> Config {
+    Config { budget: Budget::Gaussians(gaussians), ..Config::default() }
+}
+
+fn run(views: &[View], config: &Config) -> Prediction {
+    let prediction = predict(views, config, &mut |_| {}).unwrap();
+    check_prediction(views, &prediction);
+    prediction
+}
+
+/// The promises that hold for every prediction: counts that add up, and Gaussians that a renderer can draw.
+fn check_prediction(views: &[View], prediction: &Prediction) {
+    let counts = &prediction.counts;
+    assert_eq!(counts.total, prediction.gaussians.len());
+    assert_eq!(counts.per_view.len(), views.len());
+    assert_eq!(counts.per_view.iter().sum::<usize>() + counts.shell, counts.total);
+    assert_eq!((prediction.geometry.len(), prediction.exposure.len()), (views.len(), views.len()));
+    check_gaussians(&prediction.gaussians);
+    let s = &prediction.seconds;
+    for seconds in [s.backbone, s.exposure, s.shell, s.sampling, s.backproject, s.knn, s.head, s.decode] {
+        assert!(seconds.is_finite() && seconds >= 0.0, "{s:?}");
+    }
+}
+
+fn check_gaussians(gaussians: &Gaussians) {
+    assert_eq!(gaussians.sh_degree(), 0);
+    assert!(gaussians.sh().iter().all(|v| v.is_finite()));
+    for (i, row) in gaussians.geometry().chunks_exact(Gaussians::GEOMETRY).enumerate() {
+        assert!(row.iter().all(|v| v.is_finite()), "Gaussian {i}: {row:?}");
+        let norm: f32 = row[QUATERNION].iter().map(|v| v * v).sum();
+        assert!((norm - 1.0).abs() < 1e-4, "Gaussian {i}: quaternion of square norm {norm}");
+        let opacity = sigmoid(row[OPACITY_LOGIT]);
+        assert!(opacity > 0.0 && opacity < 1.0, "Gaussian {i}: opacity {opacity}");
+        assert!(row[LOG_SCALE].iter().all(|v| v.exp() > 0.0 && v.exp().is_finite()), "Gaussian {i}: {row:?}");
+    }
+}
+
+fn positions(gaussians: &Gaussians) -> Vec<[f32; 3]> {
+    gaussians.geometry().chunks_exact(Gaussians::GEOMETRY).map(|row| row[MEAN].try_into().unwrap()).collect()
+}
+
+/// Mean PSNR, decibels, of the prediction drawn from the targets' cameras.
+fn psnr(prediction: &Prediction, targets: &[View]) -> f64 {
+    let settings =
+        RenderSettings { near: 0.1 * prediction.depth_range.0 as f32, ..RenderSettings::default() };
+    let of = |target: &View| {
+        let drawn = render(&prediction.gaussians, target.camera(), &settings).unwrap();
+        assert_eq!(drawn.stats.rejected, 0);
+        image_metrics::psnr(&drawn.image, target.image()).unwrap()
+    };
+    targets.iter().map(of).sum::<f64>() / targets.len() as f64
+}

@@ -1,0 +1,45 @@
+use crate::{COURTYARD, given_depth, plane_sweep, psnr, run};
+use gs_scene::View;
+use sparsesplat::{Allocation, Config};
+
+/// Mean PSNR, decibels, of showing the context view whose camera is nearest to each target's.
+fn nearest_view_psnr() -> f64 {
+    let (views, targets) = &*COURTYARD;
+    let of = |target: &View| {
+        let distance = |view: &&View| view.camera().position().distance(target.camera().position());
+        let nearest = views.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap();
+        image_metrics::psnr(nearest.image(), target.image()).unwrap()
+    };
+    targets.iter().map(of).sum::<f64>() / targets.len() as f64
+}
+
+/// Held-out views must be closer to the photographs than the nearest view shown as it is, by `least` decibels.
+fn check(name: &str, config: &Config, least: f64) {
+    let found = psnr(&run(&COURTYARD.0, config), &COURTYARD.1) - nearest_view_psnr();
+    assert!(found >= least, "{name}: {found:.2} dB above the nearest view, expected {least}");
+}
+
+// The limits are what was measured, less about half a decibel.
+
+#[test]
+fn held_out_views_from_exact_depth() {
+    check("2k", &given_depth(2_000), 2.3);
+    check("8k", &given_depth(8_000), 4.1);
+    check("32k", &given_depth(32_000), 4.0);
+    for allocation in [Allocation::Laplacian, Allocation::Random] {
+        check(&format!("{allocation:?}, 8k"), &Config { allocation, ..given_depth(8_000) }, 4.0);
+    }
+    check("pixel-aligned", &Config { allocation: Allocation::PixelAligned, ..given_depth(1) }, 3.7);
+}
+
+#[test]
+fn held_out_views_from_stereo() {
+    check("stereo, 8k", &plane_sweep(8_000), 5.5);
+}
+
+#[test]
+fn the_far_shell_fills_what_no_view_covers() {
+    let of = |far_shell| psnr(&run(&COURTYARD.0, &Config { far_shell, ..given_depth(8_000) }), &COURTYARD.1);
+    let (with, without) = (of(true), of(false));
+    assert!(with > without + 3.0, "{with:.2} dB with, {without:.2} dB without");
+}
