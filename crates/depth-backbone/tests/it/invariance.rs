@@ -52,12 +52,9 @@ fn a_small_scene_far_from_the_origin() {
 fn the_estimated_range_moves_with_the_scene() {
     let views = &COURTYARD[..3];
     let estimate = |views: &[View]| sweep(DepthRange::Estimate).depth_range(views).unwrap();
-    let before = estimate(views);
-    for scale in [0.01, 100.0] {
-        let after = estimate(&moved(views, scale, FAR_AWAY));
-        for (before, after) in [(before.0, after.0), (before.1, after.1)] {
-            assert!((after / scale / before - 1.0).abs() < 0.02, "scale {scale}: {before} became {after}");
-        }
+    let (before, after) = (estimate(views), estimate(&moved(views, 100.0, FAR_AWAY)));
+    for (before, after) in [(before.0, after.0), (before.1, after.1)] {
+        assert!((after / before - 100.0).abs() < 2.0, "{before} became {after}");
     }
 }
 

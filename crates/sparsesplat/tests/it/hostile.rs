@@ -1,5 +1,6 @@
-use crate::{COURTYARD, check_prediction, given_depth, plane_sweep, run};
-use gs_scene::{DepthMap, View};
+use crate::{COURTYARD, check_prediction, given_depth, photograph, plane_sweep, run};
+use gs_scene::{Camera, DepthMap, Gaussians, LOG_SCALE, View};
+use scene_sim::{Traced, demo_scene, lens};
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Error, predict};
 
 fn check_error(views: &[View], config: &Config, expected: impl Fn(&Error) -> bool) {
@@ -100,6 +101,22 @@ fn depth_with_deep_steps_and_of_extreme_scale() {
         let views: Vec<View> = COURTYARD.0[..2].iter().map(|view| with_depth(view, depth)).collect();
         assert_eq!(run(&views, &given_depth(700)).counts.total, 700);
         assert_eq!(run(&views, &given_depth(3)).counts.total, 3);
+    }
+}
+
+#[test]
+fn a_few_gaussians_for_very_wide_pictures_stay_bounded() {
+    let scene = Traced::new(&demo_scene()).unwrap();
+    let widen = |view: &View| view.camera().with_intrinsics(lens(80, 60, 150.0)).unwrap();
+    let cameras: Vec<Camera> = COURTYARD.0[..2].iter().map(widen).collect();
+    let views = photograph(&scene, &cameras);
+    for seed in 0..40 {
+        let config = Config { seed, far_shell: false, ..given_depth(1 + seed as usize / 4) };
+        let gaussians = run(&views, &config).gaussians;
+        for row in gaussians.geometry().chunks_exact(Gaussians::GEOMETRY) {
+            let widest = row[LOG_SCALE].iter().fold(0.0_f32, |widest, v| widest.max(v.exp()));
+            assert!(widest < 1e3, "seed {seed}: {row:?}");
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 use crate::{COURTYARD, given_depth, plane_sweep, positions, psnr, run};
 use glam::DVec3;
 use gs_scene::{Camera, DepthMap, View};
-use sparsesplat::{Config, Prediction, Sampler};
+use sparsesplat::{Config, DepthRange, Prediction, Sampler};
 
 fn bits(prediction: &Prediction) -> Vec<u32> {
     let gaussians = &prediction.gaussians;
@@ -54,18 +54,22 @@ fn moved(views: &[View], scale: f64, offset: DVec3) -> Vec<View> {
 }
 
 /// Held-out PSNR of the moved scene must be the original's within half a decibel.
-fn check_moved(config: &Config, scale: f64, offset: f64) {
+fn check_moved(config: impl Fn(f64) -> Config, scale: f64, offset: f64) {
     let (views, targets) = &*COURTYARD;
     let offset = DVec3::new(offset, -offset, offset);
-    let before = psnr(&run(views, config), targets);
-    let after = psnr(&run(&moved(views, scale, offset), config), &moved(targets, scale, offset));
+    let before = psnr(&run(views, &config(1.0)), targets);
+    let after = psnr(&run(&moved(views, scale, offset), &config(scale)), &moved(targets, scale, offset));
     assert!((after - before).abs() < 0.5, "scale {scale}, offset {offset}: {before:.2} became {after:.2} dB");
 }
 
 #[test]
 fn scale_and_offset_do_not_matter() {
-    check_moved(&given_depth(6_000), 1.0, 1e4);
-    check_moved(&given_depth(6_000), 100.0, 1e4);
-    check_moved(&given_depth(6_000), 0.01, 0.0);
-    check_moved(&plane_sweep(6_000), 100.0, 1e4);
+    check_moved(|_| given_depth(6_000), 1.0, 1e4);
+    check_moved(|_| given_depth(6_000), 100.0, 1e4);
+    check_moved(|_| given_depth(6_000), 0.01, 0.0);
+    let stereo = |scale: f64| {
+        let depth_range = DepthRange::Known { near: 3.0 * scale, far: 10.0 * scale };
+        Config { depth_range, ..plane_sweep(6_000) }
+    };
+    check_moved(stereo, 100.0, 1e4);
 }

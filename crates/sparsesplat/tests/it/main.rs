@@ -17,7 +17,7 @@ mod quality;
 use gs_raster::{RenderSettings, render};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, View, sigmoid};
 use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
-use sparsesplat::{Backbone, Budget, Config, Prediction, predict};
+use sparsesplat::{Backbone, Budget, Config, DepthRange, Prediction, predict};
 use std::sync::LazyLock;
 
 const WIDTH: usize = 160;
@@ -40,8 +40,10 @@ fn given_depth(gaussians: usize) -> Config {
     Config { backbone: Backbone::GivenDepth, budget: Budget::Gaussians(gaussians), ..Config::default() }
 }
 
+/// Stereo in the courtyard's range.
 fn plane_sweep(gaussians: usize) -> Config {
-    Config { budget: Budget::Gaussians(gaussians), ..Config::default() }
+    let depth_range = DepthRange::Known { near: 3.0, far: 10.0 };
+    Config { budget: Budget::Gaussians(gaussians), depth_range, ..Config::default() }
 }
 
 fn run(views: &[View], config: &Config) -> Prediction {

@@ -1,6 +1,6 @@
 use crate::{COURTYARD, given_depth, plane_sweep, psnr, run};
 use gs_scene::View;
-use sparsesplat::{Allocation, Config};
+use sparsesplat::{Allocation, Config, DepthRange};
 
 /// Mean PSNR, decibels, of showing the context view whose camera is nearest to each target's.
 fn nearest_view_psnr() -> f64 {
@@ -35,6 +35,8 @@ fn held_out_views_from_exact_depth() {
 #[test]
 fn held_out_views_from_stereo() {
     check("stereo, 8k", &plane_sweep(8_000), 5.5);
+    let estimate = Config { depth_range: DepthRange::Estimate, ..plane_sweep(8_000) };
+    check("stereo in an estimated range, 8k", &estimate, 5.5);
 }
 
 #[test]
