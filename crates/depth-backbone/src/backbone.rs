@@ -1,4 +1,4 @@
-use crate::Result;
+use crate::{Error, Result};
 use gs_scene::{DepthMap, FeatureMap, View};
 
 /// What a backbone knows of one view (paper, section 3.1): geometry and features at the view's own size.
@@ -29,4 +29,22 @@ pub trait DepthBackbone {
     /// # Errors
     /// If the views do not suffice (see [`crate::Error`]).
     fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>>;
+}
+
+/// Every backbone wants views, and pixels that are numbers.
+pub(crate) fn check_pixels(views: &[View]) -> Result<()> {
+    if views.is_empty() {
+        return Err(Error::NoViews);
+    }
+    for view in views {
+        if let Some(i) = view.image().data().iter().position(|v| !v.is_finite()) {
+            let (pixel, width) = (i / 3, view.image().width());
+            return Err(Error::PixelNotFinite {
+                view: view.name().to_owned(),
+                x: pixel % width,
+                y: pixel / width,
+            });
+        }
+    }
+    Ok(())
 }

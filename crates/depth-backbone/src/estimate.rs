@@ -16,6 +16,8 @@ const PLANES: usize = 192;
 const LARGEST_DISPARITY: f64 = 1.5;
 /// Smallest disparity told from infinity, pixels of the reduced picture.
 const SMALLEST_DISPARITY: f64 = 0.1;
+/// Cameras nearer to each other than this part of their distance from the origin stand in one place.
+const SAME_PLACE: f64 = 1e-9;
 /// Standard deviation of the luma (8-bit levels) in a window that is textured enough.
 const TEXTURED: f32 = 6.0;
 /// Matching cost of a believed match.
@@ -75,8 +77,15 @@ fn reduced(view: &View) -> Result<View> {
 fn neighbours(cameras: &[Camera]) -> Vec<Vec<usize>> {
     let of = |i: usize| {
         let distance = |j: usize| cameras[i].position().distance(cameras[j].position());
+        // Poses that turn in one place differ by the rounding of R and t.
+        let apart = |j: usize| distance(j) > SAME_PLACE * cameras[i].translation().length();
         let mut others: Vec<usize> = (0..cameras.len())
-            .filter(|&j| j != i && distance(j) > 0.0 && cameras[i].forward().dot(cameras[j].forward()) > 0.5)
+            .filter(|&j| {
+                j != i
+                    && distance(j) > 0.0
+                    && apart(j)
+                    && cameras[i].forward().dot(cameras[j].forward()) > 0.5
+            })
             .collect();
         others.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)).then(a.cmp(&b)));
         others.truncate(4);
@@ -113,7 +122,8 @@ fn confirmed(views: &[View], sources: Vec<Vec<usize>>, planes: &Planes) -> Resul
     let believed = |i: usize| -> Vec<f32> {
         let view = &matched[i];
         let own = &inverse_depths[i];
-        let agreed = consistency::agree(view.view, own, &witnesses(i, &matched, &inverse_depths), planes);
+        let agreed =
+            consistency::agree(view.view, own, &witnesses(i, &matched, &inverse_depths, planes), planes);
         let sources: Vec<_> =
             view.sources.iter().map(|&s| matched[s].source(view.view.camera(), None)).collect();
         let costs = surface_costs(view.reference(), &sources, own);

@@ -1,5 +1,6 @@
 //! Measured depth that comes with the data.
 
+use crate::backbone::check_pixels;
 use crate::{DepthBackbone, Error, Result, ViewGeometry, Wanted, features};
 use gs_scene::View;
 
@@ -30,9 +31,7 @@ impl GivenDepth {
 
 impl DepthBackbone for GivenDepth {
     fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
-        if views.is_empty() {
-            return Err(Error::NoViews);
-        }
+        check_pixels(views)?;
         views
             .iter()
             .map(|view| {

@@ -1,6 +1,6 @@
 //! Multi-view stereo over inverse-depth planes.
 
-use crate::backbone::{DepthBackbone, ViewGeometry, Wanted};
+use crate::backbone::{DepthBackbone, ViewGeometry, Wanted, check_pixels};
 use crate::consistency::{Witness, agree, contradicted, visible};
 use crate::cost::{Reference, Source, WindowStatistics, plane_costs, surface_costs};
 use crate::pair::Pair;
@@ -31,6 +31,8 @@ impl Default for PlaneSweep {
 /// Offsets, in plane steps, that each refinement round tries around the current surface.
 const REFINEMENT_ROUNDS: [f32; 2] = [1.6, 0.5];
 
+/// Baseline over depth below which two views are taken to stand in the same place.
+const LEAST_PARALLAX: f64 = 0.005;
 /// Confirmed pixels must come in connected patches of at least this many.
 const SMALLEST_PATCH: usize = 150;
 /// Standard deviation of the luma in a window, 8-bit levels, below which an agreement means nothing: clear sky agrees
@@ -107,7 +109,7 @@ impl DepthBackbone for PlaneSweep {
             .collect();
         let (inverse_depths, mut confidences): (Vec<_>, Vec<_>) = filled.into_iter().unzip();
         confidences.par_iter_mut().enumerate().for_each(|(i, confidence)| {
-            let witnesses = witnesses(i, &matched, &inverse_depths);
+            let witnesses = witnesses(i, &matched, &inverse_depths, &planes);
             let wrong = contradicted(matched[i].view, &inverse_depths[i], &witnesses, &planes);
             for (confidence, _) in confidence.iter_mut().zip(wrong).filter(|(_, wrong)| *wrong) {
                 *confidence = 0.0;
@@ -139,31 +141,22 @@ impl DepthBackbone for PlaneSweep {
 
 /// What stereo cannot work with.
 fn check(views: &[View]) -> Result<()> {
-    match views.len() {
-        0 => return Err(Error::NoViews),
-        1 => return Err(Error::OneView),
-        _ => {}
-    }
-    for view in views {
-        if let Some(i) = view.image().data().iter().position(|v| !v.is_finite()) {
-            let (pixel, width) = (i / 3, view.image().width());
-            return Err(Error::PixelNotFinite {
-                view: view.name().to_owned(),
-                x: pixel % width,
-                y: pixel / width,
-            });
-        }
-    }
-    Ok(())
+    check_pixels(views)?;
+    if views.len() == 1 { Err(Error::OneView) } else { Ok(()) }
 }
 
+/// The other views that can judge a view's depth: those that see the middle of the range from elsewhere. What is seen
+/// from the same place agrees at any depth.
 pub(crate) fn witnesses<'a>(
     of: usize,
     matched: &'a [Matched],
     inverse_depths: &'a [Vec<f32>],
+    planes: &Planes,
 ) -> Vec<Witness<'a>> {
+    let position = |view: usize| matched[view].view.camera().position();
+    let parallax = |other: usize| position(of).distance(position(other)) * planes.inverse_depth_at(0.5);
     (0..matched.len())
-        .filter(|&other| other != of)
+        .filter(|&other| other != of && parallax(other) > LEAST_PARALLAX)
         .map(|other| Witness::new(matched[of].view, matched[other].view, &inverse_depths[other]))
         .collect()
 }
@@ -273,7 +266,7 @@ fn fuse_and_fill(
 ) -> (Vec<f32>, Vec<f32>) {
     let view = &all[index];
     let (texture, own) = (&view.texture, &inverse_depths[index]);
-    let mut agreed = agree(view.view, own, &witnesses(index, all, inverse_depths), planes);
+    let mut agreed = agree(view.view, own, &witnesses(index, all, inverse_depths, planes), planes);
     for (pixel, (count, _)) in agreed.iter_mut().enumerate() {
         if view.statistics.deviation(pixel) < FLAT {
             *count = 0;

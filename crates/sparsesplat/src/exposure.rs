@@ -13,8 +13,8 @@ const ENOUGH: usize = 300;
 /// Depths that differ by more than this (relative) are not the same point.
 const SAME_POINT: f64 = 0.02;
 /// Weight of "no change" against the mean square luma difference of a pair of views.
-const PRIOR: f64 = 0.5;
-/// Gains and biases are only applied if one of them moves a mid-grey by more than this (0..1).
+const PRIOR: f64 = 0.05;
+/// Gains and biases are only applied if one of them moves a dark or a light grey by more than this (0..1).
 const NOTICEABLE: f64 = 0.01;
 
 /// Robust summary of the luma pairs of two views: both means, and how the second spreads against the first.
@@ -125,7 +125,9 @@ pub(crate) fn equalise(views: &[View], geometry: &[ViewGeometry]) -> Vec<Exposur
         *gain /= mean_gain;
         *bias = (*bias - mean_bias) / mean_gain;
     }
-    let noticeable = solution.iter().any(|[gain, bias]| (0.5 * gain + bias - 0.5).abs() > NOTICEABLE);
+    let moves =
+        |grey: f64| solution.iter().any(|[gain, bias]| (grey * gain + bias - grey).abs() > NOTICEABLE);
+    let noticeable = moves(0.2) || moves(0.8);
     solution
         .into_iter()
         .map(|[gain, bias]| match noticeable {
