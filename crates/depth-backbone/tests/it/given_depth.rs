@@ -39,6 +39,15 @@ fn the_view_without_depth_is_named() {
 }
 
 #[test]
+fn a_pixel_that_is_no_number_is_named() {
+    let mut views = COURTYARD[..2].to_vec();
+    let width = views[1].image().width();
+    views[1].image_mut().data_mut()[3 * (2 * width + 5) + 1] = f32::NAN;
+    let error = GivenDepth.estimate(&views, Wanted::Depth).err();
+    assert!(matches!(error, Some(Error::PixelNotFinite { x: 5, y: 2, .. })), "{error:?}");
+}
+
+#[test]
 fn the_range_holds_all_but_half_a_percent_at_either_end() {
     let n = COURTYARD[0].depth().unwrap().data().len();
     let ramp = with_depth(&COURTYARD[0], Some((1..=n).map(|i| i as f32).collect()));

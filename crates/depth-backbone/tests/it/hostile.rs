@@ -1,5 +1,5 @@
 use crate::{COURTYARD, LENS, camera_at, check_geometry, depths, flat, known, photograph, sweep};
-use depth_backbone::{DepthBackbone, DepthRange, Error, PlaneSweep, Wanted};
+use depth_backbone::{DepthBackbone, DepthRange, Error, PlaneSweep, ViewGeometry, Wanted};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, View};
 use scene_sim::{Traced, demo_scene, lens};
@@ -117,21 +117,32 @@ fn pixels_far_beyond_white_and_below_black() {
 }
 
 #[test]
-fn all_cameras_in_one_place_leave_the_range_unknown() {
-    let turned = |i: u8| Camera::new(LENS, DMat3::from_rotation_y(0.1 * f64::from(i)), DVec3::ZERO).unwrap();
+fn all_cameras_in_one_place_leave_the_range_unknown_and_confirm_nothing() {
     let scene = Traced::new(&demo_scene()).unwrap();
-    let views = photograph(&scene, &[turned(0), turned(1), turned(2), turned(0)]);
-    check_error(&PlaneSweep::default(), &views, |e| matches!(e, Error::RangeUnknown { .. }));
-    check_defined(&views);
+    for place in [DVec3::ZERO, DVec3::new(0.3, -0.7, 1.1)] {
+        let turned = |i: u8| {
+            let rotation = DMat3::from_rotation_y(0.1 * f64::from(i));
+            Camera::new(LENS, rotation, -(rotation * place)).unwrap()
+        };
+        let views = photograph(&scene, &[turned(0), turned(1), turned(2), turned(0)]);
+        check_error(&PlaneSweep::default(), &views, |e| matches!(e, Error::RangeUnknown { .. }));
+        for geometry in depths(&sweep(KNOWN), &views) {
+            assert!(geometry.confidence.iter().all(|&c| c < 0.5), "nothing is seen from elsewhere");
+        }
+    }
 }
 
 #[test]
-fn a_view_given_twice_changes_little() {
+fn a_view_given_twice_changes_little_and_confirms_nothing() {
+    let once = depths(&known(&COURTYARD), &COURTYARD[..3]);
     let views = [&COURTYARD[..3], &COURTYARD[..1]].concat();
     let geometry = depths(&known(&COURTYARD), &views);
     let twins = geometry[0].depth.data().iter().zip(geometry[3].depth.data());
     let alike = twins.filter(|(a, b)| (**a / **b - 1.0).abs() < 1e-3).count();
     assert!(alike * 100 >= geometry[0].depth.data().len() * 99, "{alike} pixels alike");
+    let confident = |g: &ViewGeometry| g.confidence.iter().filter(|&&c| c >= 0.5).count();
+    let (before, after) = (confident(&once[0]), confident(&geometry[0]));
+    assert!(after as f64 <= 1.02 * before as f64, "{before} confident pixels, {after} with a twin");
 }
 
 #[test]

@@ -13,8 +13,8 @@ fn with_exposure(index: usize, gain: f32, bias: f32) -> Vec<View> {
     views
 }
 
-/// The ratio of the gains must be nearer to the change than to none, and no grey of the scene may differ between the changed
-/// view and another by more than two fifths of what it did. The estimate is drawn towards no change, so some is left.
+/// The ratio of the gains must be the change's within a few percent, and no grey of the scene may differ between the
+/// changed view and another by more than a quarter of what it did. The estimate is drawn weakly towards no change.
 fn check(index: usize, gain: f32, bias: f32) {
     const GREYS: [f32; 3] = [0.2, 0.5, 0.7];
     let prediction = run(&with_exposure(index, gain, bias), &given_depth(2_000));
@@ -26,13 +26,10 @@ fn check(index: usize, gain: f32, bias: f32) {
     let before = largest(&|grey| (gain * grey + bias - grey).abs());
     for (i, other) in exposure.iter().enumerate().filter(|(i, _)| *i != index) {
         let ratio = other.gain / changed.gain;
-        assert!(
-            (ratio - gain).abs() < 0.5 * (gain - 1.0).abs() + 0.03,
-            "view {i}: gain ratio {ratio}, expected {gain}"
-        );
+        assert!((ratio - gain).abs() < 0.05, "view {i}: gain ratio {ratio}, expected {gain}");
         let brought = |e: ExposureGain, value: f32| e.gain * value + e.bias;
         let after = largest(&|grey| (brought(*other, grey) - brought(changed, gain * grey + bias)).abs());
-        assert!(after < 0.4 * before, "view {i}: greys differ by {after}, by {before} before");
+        assert!(after < 0.25 * before, "view {i}: greys differ by {after}, by {before} before");
     }
 }
 
@@ -41,6 +38,8 @@ fn gain_and_bias_of_one_view_are_found() {
     check(1, 1.2, -0.05);
     check(2, 0.8, 0.0);
     check(0, 1.0, -0.1);
+    // Middle grey stays where it is; dark and light ones do not.
+    check(1, 0.8, 0.1);
 }
 
 #[test]
