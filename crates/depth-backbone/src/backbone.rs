@@ -13,6 +13,14 @@ pub struct ViewGeometry {
     pub features: Option<FeatureMap>,
 }
 
+impl ViewGeometry {
+    /// Whether the depth of a pixel (row-major index) was measured or confirmed by another view, not filled in.
+    #[must_use]
+    pub fn is_confirmed(&self, pixel: usize) -> bool {
+        self.confidence[pixel] >= 0.5
+    }
+}
+
 /// What a head needs of a backbone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wanted {

@@ -26,4 +26,4 @@ pub use error::{Error, Result};
 pub use features::FEATURE_NAMES;
 pub use given_depth::GivenDepth;
 pub use plane_sweep::PlaneSweep;
-pub use range::DepthRange;
+pub use range::{DepthRange, FAR_MARGIN};

@@ -18,9 +18,10 @@ pub enum DepthRange {
     },
 }
 
-/// What is nearer than the known range by up to this factor is still searched, and farther by its counterpart.
+/// What is nearer than the near end of the range by up to this factor is still searched.
 const NEAR_MARGIN: f64 = 0.8;
-const FAR_MARGIN: f64 = 1.25;
+/// Stereo searches up to this times the far end of the range: nothing that it finds is farther.
+pub const FAR_MARGIN: f64 = 1.25;
 
 /// Planes evenly spaced in inverse depth, from far to near.
 #[derive(Debug, Clone, Copy, PartialEq)]

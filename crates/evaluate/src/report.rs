@@ -140,8 +140,8 @@ impl Report {
 
 /// Depths that are measured, 0 where they are filled in: a scale of depth must not follow guesses.
 fn confident_depth(geometry: &ViewGeometry) -> Vec<f32> {
-    let pixels = geometry.depth.data().iter().zip(&geometry.confidence);
-    pixels.map(|(&depth, &confidence)| if confidence >= 0.5 { depth } else { 0.0 }).collect()
+    let pixels = geometry.depth.data().iter().enumerate();
+    pixels.map(|(i, &depth)| if geometry.is_confirmed(i) { depth } else { 0.0 }).collect()
 }
 
 /// The figures of a window in a sentence.

@@ -38,7 +38,7 @@ fn common_points(
         for x in (STRIDE / 2..from.width()).step_by(STRIDE) {
             let i = y * from.width() + x;
             let depth = f64::from(geometry[a].depth.data()[i]);
-            if geometry[a].confidence[i] < 0.5 || depth <= 0.0 {
+            if !geometry[a].is_confirmed(i) || depth <= 0.0 {
                 continue;
             }
             let point = from.unproject(DVec2::new(x as f64 + 0.5, y as f64 + 0.5), depth);
@@ -46,7 +46,7 @@ fn common_points(
             let j = pixel.y as usize * to.width() + pixel.x as usize;
             let seen = to.to_camera(point).z;
             let there = f64::from(geometry[b].depth.data()[j]);
-            if (seen - there).abs() < SAME_POINT * seen && geometry[b].confidence[j] >= 0.5 {
+            if (seen - there).abs() < SAME_POINT * seen && geometry[b].is_confirmed(j) {
                 pairs.push([f64::from(luma[a][i]), f64::from(luma[b][j])]);
             }
         }

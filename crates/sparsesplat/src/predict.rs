@@ -11,9 +11,6 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Confidence from which on a depth is measured or confirmed by another view, not filled in.
-const CONFIRMED: f32 = 0.5;
-
 /// Runs one stage and takes its wall time.
 fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
     let start = Instant::now();
@@ -184,7 +181,7 @@ fn head(
             depth: f64::from(anchors.depths[i]),
             normal: DVec3::from(anchors.normals[i].map(f64::from)),
             area_per_anchor: areas[i],
-            confirmed: geometry.confidence[pixel] >= CONFIRMED,
+            confirmed: geometry.is_confirmed(pixel),
         };
         closed_form::push(&mut gaussians, view.camera(), &surface, cell);
     }

@@ -1,5 +1,6 @@
 //! The far shell: large Gaussians behind everything, for what no view covers (borders, disocclusions, sky).
 
+use depth_backbone::FAR_MARGIN;
 use glam::{DMat3, DQuat, DVec2};
 use gs_scene::{Gaussians, Image, View, dc_from_rgb, logit};
 
@@ -12,9 +13,9 @@ const PADDING: f64 = 0.35;
 /// Standard deviation over cell size.
 const SPREAD: f64 = 0.6;
 const OPACITY: f32 = 0.9;
-/// z-depth of the shell over the far end of the scene: beyond the farthest plane that stereo searches (1.25), or it would
-/// hide what lies there (measured: herzjesu loses 1.1 dB at 1.0).
-const BEHIND: f64 = 1.6;
+/// z-depth of the shell over the farthest that stereo finds: in front of that it would hide what lies there (at the far
+/// end of the range, herzjesu loses 1.1 dB).
+const BEHIND: f64 = 1.28;
 
 /// Cells along an axis of `length` pixels.
 fn cells_along(length: usize, cell: f64) -> usize {
@@ -66,7 +67,7 @@ pub(crate) fn shell(views: &[View], far: f64, budget: usize) -> gs_scene::Result
         let (camera, image) = (view.camera(), view.image());
         let lens = camera.intrinsics();
         let (columns, rows) = (cells_along(image.width(), cell), cells_along(image.height(), cell));
-        let depth = far * BEHIND;
+        let depth = far * FAR_MARGIN * BEHIND;
         let axes: DMat3 = camera.rotation().transpose();
         let rotation = DQuat::from_mat3(&axes).normalize();
         let scale = |focal: f64| (SPREAD * cell * depth / focal) as f32;
