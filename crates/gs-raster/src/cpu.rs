@@ -5,7 +5,9 @@ mod blend;
 mod project;
 mod sh;
 
-use crate::{RenderSettings, RenderStats, Rendering, Result, StageSeconds};
+use crate::{
+    Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result, StageSeconds,
+};
 use gs_scene::{Camera, Gaussians, Image};
 use std::time::Instant;
 
@@ -31,7 +33,43 @@ impl Grid {
     }
 }
 
-pub(crate) fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Result<Rendering> {
+/// Buffers that are kept from one frame to the next.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {}
+
+/// What the backward pass needs of one view's forward pass.
+#[derive(Debug)]
+pub(crate) struct Tape {}
+
+/// [`render`], and what [`backward`] needs of it.
+pub(crate) fn record(
+    _gaussians: &Gaussians,
+    _camera: &Camera,
+    _settings: &RenderSettings,
+    _scratch: &mut Scratch,
+) -> Result<(Rendering, Tape)> {
+    todo!("next")
+}
+
+/// Adds this view's derivatives to `gradients` and returns those by its pose.
+pub(crate) fn backward(
+    _gaussians: &Gaussians,
+    _camera: &Camera,
+    _settings: &RenderSettings,
+    _tape: &Tape,
+    _pixels: &PixelGradients,
+    _gradients: &mut Gradients,
+    _scratch: &mut Scratch,
+) -> Result<PoseGradient> {
+    todo!("next")
+}
+
+pub(crate) fn render(
+    gaussians: &Gaussians,
+    camera: &Camera,
+    settings: &RenderSettings,
+    _scratch: &mut Scratch,
+) -> Result<Rendering> {
     let (width, height) = (camera.width(), camera.height());
     let grid = Grid::new(width, height);
     let mut seconds = StageSeconds::default();

@@ -23,6 +23,49 @@ pub enum Error {
         /// The most that are accepted.
         limit: u64,
     },
+    /// The scene is not the one that was recorded.
+    #[error(
+        "{found} Gaussians of SH degree {found_degree}, but {expected} of degree {expected_degree} were recorded"
+    )]
+    OtherScene {
+        /// Gaussians recorded.
+        expected: usize,
+        /// Their SH degree.
+        expected_degree: usize,
+        /// Gaussians given.
+        found: usize,
+        /// Their SH degree.
+        found_degree: usize,
+    },
+    /// There are not as many sets of pixel gradients as views.
+    #[error("{found} sets of pixel gradients for {expected} views")]
+    Views {
+        /// Views recorded.
+        expected: usize,
+        /// Sets given.
+        found: usize,
+    },
+    /// A plane of pixel gradients does not have the size of the view.
+    #[error("the pixel gradients by {what} are {found} numbers, expected {expected}")]
+    PixelGradientLength {
+        /// Field of [`PixelGradients`](crate::PixelGradients).
+        what: &'static str,
+        /// Numbers expected.
+        expected: usize,
+        /// Numbers found.
+        found: usize,
+    },
+    /// A pixel gradient is NaN or infinite.
+    #[error("the pixel gradient by {what} number {index} is not finite")]
+    PixelGradientNotFinite {
+        /// Field of [`PixelGradients`](crate::PixelGradients).
+        what: &'static str,
+        /// Where.
+        index: usize,
+    },
+    /// A gradient by depth is given, but depth was not rendered.
+    #[error("a gradient by depth needs a view that was rendered with depth")]
+    DepthNotRendered,
     /// The picture could not be made.
     #[error(transparent)]
     Scene(#[from] gs_scene::Error),

@@ -50,5 +50,5 @@ pub struct StageSeconds {
 /// If a setting lies outside its range, or the Gaussians touch more tiles than memory can hold.
 pub fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Result<Rendering> {
     settings.check()?;
-    cpu::render(gaussians, camera, settings)
+    cpu::render(gaussians, camera, settings, &mut cpu::Scratch::default())
 }
