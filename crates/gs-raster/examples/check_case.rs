@@ -1,6 +1,6 @@
 //! Checks a renderer on golden cases in the layout of `fixtures/gs-raster`:
 //! `cargo run --release -p gs-raster --example check_case -- [--device cpu|reference] FILE…`.
-//! Exits with 1 outside tolerance, with 2 for bad arguments.
+//! Exits with 1 outside tolerance, with 2 for bad arguments and files that are no golden cases.
 
 #[path = "../tests/it/check.rs"]
 mod check;
@@ -34,7 +34,18 @@ fn main() -> ExitCode {
     let mut outside = 0;
     println!("{:<40} {:<6} {:>9} {:>9} {:>9}", "case", "output", "max error", "bound", "rel. L2");
     for file in files {
-        let case = Case::read(file.as_ref());
+        let case = match Case::read(file.as_ref()) {
+            Ok(case) => case,
+            Err(error) => {
+                eprintln!("{error}");
+                let mut cause = std::error::Error::source(&error);
+                while let Some(error) = cause {
+                    eprintln!("  because: {error}");
+                    cause = error.source();
+                }
+                return ExitCode::from(2);
+            }
+        };
         let name = file.rsplit('/').next().unwrap_or(&file);
         for row in judge(&case) {
             let (output, bound) = (row.output, row.bound);

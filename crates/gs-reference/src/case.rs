@@ -1,11 +1,14 @@
-use crate::Profile;
-use glam::{DMat3, DQuat, DVec3};
-use gs_scene::{Camera, Gaussians, Intrinsics};
-use safetensors::SafeTensors;
-use safetensors::tensor::{Dtype, TensorView};
-use std::path::Path;
+mod axes;
+mod tensors;
 
-/// A golden case: inputs of a rendering and its outputs, from a file in the layout of `fixtures/gs-raster`.
+use crate::{Error, PixelGradients, Profile, Result, ShAxes, Variable};
+use glam::{DMat3, DVec3};
+use gs_scene::{Camera, Gaussians, Intrinsics};
+use std::path::Path;
+use tensors::Tensors;
+
+/// A golden case: inputs of a rendering, its outputs and its gradients, from a file in the layout of
+/// `fixtures/gs-raster`.
 #[derive(Debug, Clone)]
 pub struct Case {
     /// The scene.
@@ -14,14 +17,16 @@ pub struct Case {
     pub camera: Camera,
     /// Colour behind the scene.
     pub background: [f32; 3],
-    /// Thresholds.
+    /// Thresholds and axes.
     pub profile: Profile,
-    /// Pixels in which f32 may take another decision than f64, `[height, width]`.
+    /// Pixels in which f32 may take another decision than f64, `[height, width]`. No loss looks at them.
     pub ambiguous: Vec<bool>,
     /// Deviation of plain f32 from the golden image outside ambiguous pixels, if the file tells it.
     pub f32_image_floor: Option<f64>,
     /// The golden outputs.
     pub expected: Expected,
+    /// The loss on image and alpha, and the loss on the sum of depths.
+    pub losses: [Loss; 2],
 }
 
 /// Golden outputs of a case: `[height, width]`, f32 values unless said otherwise; fields as in
@@ -45,115 +50,225 @@ pub struct Expected {
     pub opacities: Vec<f64>,
 }
 
+/// A weighted sum of the pixels of a rendering, and its golden gradients.
+#[derive(Debug, Clone)]
+pub struct Loss {
+    /// What the file calls its gradients before the variable: `grad` or `graddepth`.
+    pub name: &'static str,
+    /// The weights, which are the derivatives by the pixels.
+    pub weights: PixelGradients,
+    /// The loss.
+    pub value: f64,
+    /// Its gradients, f64. Those of no numbers (of a scene without Gaussians) are left out.
+    pub gradients: Vec<GoldenGradient>,
+}
+
+/// The golden gradient by one variable.
+#[derive(Debug, Clone)]
+pub struct GoldenGradient {
+    /// What the derivative is taken by.
+    pub variable: Variable,
+    /// The derivatives, row-major.
+    pub values: Vec<f64>,
+    /// Deviation of plain f32 relative to the largest value (see [`tolerance`](crate::tolerance)), if the file tells it.
+    pub f32_floor: Option<f64>,
+    /// Largest magnitude of the terms that cancel where the gradient is 0 by symmetry: a round Gaussian looks the same
+    /// however it is turned. 0 where there is no such symmetry.
+    pub cancelling: f64,
+}
+
 impl Case {
     /// Reads a case.
     ///
-    /// # Panics
-    /// If the file cannot be read or is not of that layout; the message names the tensor.
-    #[must_use]
-    pub fn read(path: &Path) -> Self {
-        let bytes = std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-        let tensors = SafeTensors::deserialize(&bytes).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-        let numbers = |name: &str| -> Vec<f64> { numbers(&tensor(&tensors, name), name) };
-        let singles = |name: &str| -> Vec<f32> { numbers(name).into_iter().map(|v| v as f32).collect() };
-        let integers = |name: &str| -> Vec<i32> { numbers(name).into_iter().map(|v| v as i32).collect() };
-
-        let (means, quats, scales) = (singles("means"), singles("quats"), singles("log_scales"));
-        let mut geometry = Vec::new();
-        for (i, logit) in singles("opacity_logits").into_iter().enumerate() {
-            geometry.extend_from_slice(&means[3 * i..3 * i + 3]);
-            geometry.extend_from_slice(&quats[4 * i..4 * i + 4]);
-            geometry.extend_from_slice(&scales[3 * i..3 * i + 3]);
-            geometry.push(logit);
-        }
-        let coefficients = tensor(&tensors, "sh").shape()[1];
-        let gaussians = Gaussians::new(coefficients.isqrt() - 1, geometry, singles("sh")).expect("a scene");
-
-        let (view, lens, size) = (numbers("viewmat"), numbers("K"), integers("size_wh"));
-        let intrinsics = Intrinsics {
-            fx: lens[0],
-            fy: lens[4],
-            cx: lens[2],
-            cy: lens[5],
-            width: size[0] as usize,
-            height: size[1] as usize,
+    /// # Errors
+    /// If the file cannot be read or is not of that layout; the message names the file, and the tensor or the rule.
+    pub fn read(file: &Path) -> Result<Self> {
+        let bytes = std::fs::read(file).map_err(|source| Error::Read { file: file.into(), source })?;
+        let tensors = Tensors::new(file, &bytes)?;
+        let gaussians = gaussians(&tensors)?;
+        let camera = camera(&tensors)?;
+        let (n, height, width) = (gaussians.len(), camera.height(), camera.width());
+        let (plane, visible) = ([height, width], tensors.dimension("mid_order", 0)?);
+        let channels = [height, width, 3];
+        let losses = tensors.numbers("loss", &[2])?;
+        let zeros = |channels: usize| vec![0.0; height * width * channels];
+        let of_image = PixelGradients {
+            image: tensors.numbers("W1", &channels)?,
+            alpha: tensors.numbers("W2", &plane)?,
+            depth_sum: zeros(1),
         };
-        let row = |i: usize| DVec3::new(view[4 * i], view[4 * i + 1], view[4 * i + 2]);
-        let rotation = DMat3::from_cols(row(0), row(1), row(2)).transpose();
-        let translation = DVec3::new(view[3], view[7], view[11]);
-        let config = numbers("config");
-        let (gaussians, rotation) =
-            if config[8] == 0.0 { (gaussians, rotation) } else { cycled(gaussians, rotation) };
-        Self {
-            gaussians,
-            camera: Camera::new(intrinsics, rotation, translation).expect("a camera"),
-            background: singles("background").try_into().expect("three channels"),
-            profile: Profile {
-                near: config[0],
-                far: config[1],
-                eps2d: config[2],
-                alpha_max: config[3],
-                alpha_min: config[4],
-                transmittance_min: config[5],
-                antialias: config[6] != 0.0,
-                compensation_min: config[7],
-            },
-            ambiguous: numbers("ambiguous").into_iter().map(|v| v != 0.0).collect(),
-            f32_image_floor: image_floor(&bytes),
+        let of_depth =
+            PixelGradients { image: zeros(3), alpha: zeros(1), depth_sum: tensors.numbers("W3", &plane)? };
+        Ok(Self {
+            background: array(tensors.singles("background", &[3])?),
+            profile: profile(&tensors)?,
+            ambiguous: tensors.numbers("ambiguous", &plane)?.into_iter().map(|v| v != 0.0).collect(),
+            f32_image_floor: tensors.floor("image_unambiguous"),
             expected: Expected {
-                image: numbers("out_image"),
-                alpha: numbers("out_alpha"),
-                transmittance: numbers("out_T_final"),
-                depth_sum: numbers("out_depth_acc"),
-                depth: numbers("out_depth_exp"),
-                contributors: integers("out_n_contrib"),
-                last: integers("out_last_id"),
-                order: integers("mid_order"),
-                means: numbers("mid_means2d"),
-                conics: numbers("mid_conics"),
-                rgb: numbers("mid_colors"),
-                opacities: numbers("mid_opacities"),
+                image: tensors.numbers("out_image", &channels)?,
+                alpha: tensors.numbers("out_alpha", &plane)?,
+                transmittance: tensors.numbers("out_T_final", &plane)?,
+                depth_sum: tensors.numbers("out_depth_acc", &plane)?,
+                depth: tensors.numbers("out_depth_exp", &plane)?,
+                contributors: tensors.integers("out_n_contrib", &plane)?,
+                last: tensors.integers("out_last_id", &plane)?,
+                order: tensors.integers("mid_order", &[visible])?,
+                means: tensors.numbers("mid_means2d", &[n, 2])?,
+                conics: tensors.numbers("mid_conics", &[n, 3])?,
+                rgb: tensors.numbers("mid_colors", &[n, 3])?,
+                opacities: tensors.numbers("mid_opacities", &[n])?,
             },
+            losses: [
+                loss(&tensors, "grad", &Variable::ALL, &gaussians, of_image, losses[0])?,
+                loss(&tensors, "graddepth", &OF_DEPTH, &gaussians, of_depth, losses[1])?,
+            ],
+            gaussians,
+            camera,
+        })
+    }
+}
+
+/// The variables by which the golden data differentiate the loss on depth.
+const OF_DEPTH: [Variable; 5] = [
+    Variable::Means,
+    Variable::Quaternions,
+    Variable::LogScales,
+    Variable::OpacityLogits,
+    Variable::WorldToCamera,
+];
+
+fn array<T, const N: usize>(numbers: Vec<T>) -> [T; N] {
+    numbers.try_into().unwrap_or_else(|_| unreachable!("the shape was checked"))
+}
+
+fn gaussians(tensors: &Tensors) -> Result<Gaussians> {
+    let n = tensors.dimension("means", 0)?;
+    let columns = [("means", 3), ("quats", 4), ("log_scales", 3)]
+        .map(|(tensor, width)| Ok((tensors.singles(tensor, &[n, width])?, width)));
+    let [means, quats, scales] = columns;
+    let columns = [means?, quats?, scales?, (tensors.singles("opacity_logits", &[n])?, 1)];
+    let geometry = (0..n)
+        .flat_map(|i| columns.iter().flat_map(move |(values, width)| &values[i * width..][..*width]))
+        .copied()
+        .collect();
+    let coefficients = tensors.dimension("sh", 1)?;
+    let degree = (0..4)
+        .find(|&degree| gs_scene::sh_coefficients(degree) == coefficients)
+        .ok_or_else(|| Error::ShCoefficients { file: tensors.file(), found: coefficients })?;
+    let sh = tensors.singles("sh", &[n, coefficients, 3])?;
+    Ok(Gaussians::new(degree, geometry, sh).expect("the shapes were checked"))
+}
+
+fn camera(tensors: &Tensors) -> Result<Camera> {
+    let (view, lens) = (tensors.numbers("viewmat", &[4, 4])?, tensors.numbers("K", &[3, 3])?);
+    let fixed = [("viewmat", &view, 12, 0.0), ("viewmat", &view, 13, 0.0), ("viewmat", &view, 14, 0.0)];
+    let affine = [("viewmat", &view, 15, 1.0), ("K", &lens, 1, 0.0), ("K", &lens, 3, 0.0)];
+    let pinhole = [("K", &lens, 6, 0.0), ("K", &lens, 7, 0.0), ("K", &lens, 8, 1.0)];
+    for (tensor, numbers, index, expected) in fixed.into_iter().chain(affine).chain(pinhole) {
+        if numbers[index] != expected {
+            let expected = if expected == 0.0 { "0" } else { "1" };
+            return Err(value(tensors, tensor, index, numbers[index], expected));
         }
     }
-}
-
-/// Scene and camera in a world whose (x, y, z) are the old (z, x, y). Coefficients whose basis was evaluated at cycled
-/// axes (the e3nn convention) are those of the standard basis there, and the picture is the same.
-fn cycled(mut gaussians: Gaussians, rotation: DMat3) -> (Gaussians, DMat3) {
-    let turn = DQuat::from_xyzw(0.5, 0.5, 0.5, 0.5);
-    for row in gaussians.buffers_mut().0.chunks_exact_mut(Gaussians::GEOMETRY) {
-        row[..3].rotate_right(1);
-        let [w, x, y, z] = [row[3], row[4], row[5], row[6]].map(f64::from);
-        let q = turn * DQuat::from_xyzw(x, y, z, w);
-        row[3..7].copy_from_slice(&[q.w, q.x, q.y, q.z].map(|value| value as f32));
+    let size = tensors.numbers("size_wh", &[2])?;
+    for (index, &found) in size.iter().enumerate() {
+        if found < 1.0 {
+            return Err(value(tensors, "size_wh", index, found, "at least 1"));
+        }
     }
-    (gaussians, DMat3::from_cols(rotation.z_axis, rotation.x_axis, rotation.y_axis))
+    let intrinsics = Intrinsics {
+        fx: lens[0],
+        fy: lens[4],
+        cx: lens[2],
+        cy: lens[5],
+        width: size[0] as usize,
+        height: size[1] as usize,
+    };
+    let row = |i: usize| DVec3::new(view[4 * i], view[4 * i + 1], view[4 * i + 2]);
+    let rotation = DMat3::from_cols(row(0), row(1), row(2)).transpose();
+    let translation = DVec3::new(view[3], view[7], view[11]);
+    Camera::new(intrinsics, rotation, translation)
+        .map_err(|source| Error::Camera { file: tensors.file(), source })
 }
 
-fn tensor<'a>(tensors: &SafeTensors<'a>, name: &str) -> TensorView<'a> {
-    tensors.tensor(name).unwrap_or_else(|error| panic!("tensor {name}: {error}"))
-}
-
-/// The values of a tensor of any type that the layout uses.
-fn numbers(tensor: &TensorView, name: &str) -> Vec<f64> {
-    fn each<const N: usize>(bytes: &[u8], value: impl Fn([u8; N]) -> f64) -> Vec<f64> {
-        bytes.chunks_exact(N).map(|b| value(b.try_into().expect("N bytes"))).collect()
+fn profile(tensors: &Tensors) -> Result<Profile> {
+    let config = tensors.numbers("config", &[9])?;
+    let switch = |index: usize| match config[index] {
+        0.0 => Ok(false),
+        1.0 => Ok(true),
+        found => Err(value(tensors, "config", index, found, "0 or 1")),
+    };
+    if let Some(index) = config.iter().position(|number| !number.is_finite()) {
+        return Err(value(tensors, "config", index, config[index], "a finite number"));
     }
-    let bytes = tensor.data();
-    match tensor.dtype() {
-        Dtype::F64 => each(bytes, f64::from_le_bytes),
-        Dtype::F32 => each(bytes, |b| f64::from(f32::from_le_bytes(b))),
-        Dtype::I32 => each(bytes, |b| f64::from(i32::from_le_bytes(b))),
-        Dtype::U8 => each(bytes, |[b]| f64::from(b)),
-        other => panic!("tensor {name} has type {other:?}"),
-    }
+    Ok(Profile {
+        near: config[0],
+        far: config[1],
+        eps2d: config[2],
+        alpha_max: config[3],
+        alpha_min: config[4],
+        transmittance_min: config[5],
+        antialias: switch(6)?,
+        compensation_min: config[7],
+        sh_axes: if switch(8)? { ShAxes::E3nn } else { ShAxes::Standard },
+    })
 }
 
-/// `image_unambiguous` of the file's `f32_naive` metadata, which is JSON within a string.
-fn image_floor(bytes: &[u8]) -> Option<f64> {
-    let (_, metadata) = SafeTensors::read_metadata(bytes).expect("the header was read before");
-    let floors = metadata.metadata().as_ref()?.get("f32_naive")?;
-    let floors: serde_json::Value = serde_json::from_str(floors).expect("f32_naive is JSON");
-    floors["image_unambiguous"].as_f64()
+fn value(tensors: &Tensors, tensor: &str, index: usize, found: f64, expected: &'static str) -> Error {
+    Error::Value { file: tensors.file(), tensor: tensor.into(), index, found, expected }
+}
+
+fn loss(
+    tensors: &Tensors,
+    name: &'static str,
+    variables: &[Variable],
+    gaussians: &Gaussians,
+    weights: PixelGradients,
+    value: f64,
+) -> Result<Loss> {
+    let n = gaussians.len();
+    let read = |variable: Variable| -> Result<Vec<f64>> {
+        let tensor = format!("{name}_{}", variable.name());
+        let shape: &[usize] = match variable {
+            Variable::Means | Variable::LogScales | Variable::Conics | Variable::Rgb => &[n, 3],
+            Variable::Quaternions => &[n, 4],
+            Variable::Means2d => &[n, 2],
+            Variable::OpacityLogits | Variable::Opacities => &[n],
+            Variable::Sh => &[n, gs_scene::sh_coefficients(gaussians.sh_degree()), 3],
+            Variable::Background => &[3],
+            Variable::Twist => &[6],
+            // Its last row is that of no variable.
+            Variable::WorldToCamera => &[4, 4],
+        };
+        let mut values = tensors.numbers(&tensor, shape)?;
+        if variable == Variable::WorldToCamera {
+            values.truncate(12);
+        }
+        Ok(values)
+    };
+    let mut gradients = Vec::new();
+    for &variable in variables {
+        let values = read(variable)?;
+        let cancelling = match variable {
+            Variable::Quaternions => turning(gaussians, &read(Variable::LogScales)?),
+            _ => 0.0,
+        };
+        let f32_floor = tensors.floor(&format!("{name}_{}", variable.name()));
+        if !values.is_empty() {
+            gradients.push(GoldenGradient { variable, values, f32_floor, cancelling });
+        }
+    }
+    Ok(Loss { name, weights, value, gradients })
+}
+
+/// The largest gradient by a log scale over the norm of the quaternion: what turning a Gaussian could change if the
+/// changes along its axes did not cancel.
+fn turning(gaussians: &Gaussians, by_log_scales: &[f64]) -> f64 {
+    let rows = gaussians.geometry().chunks_exact(Gaussians::GEOMETRY).zip(by_log_scales.chunks_exact(3));
+    rows.map(|(row, by)| {
+        let norm = row[gs_scene::QUATERNION].iter().map(|&q| f64::from(q).powi(2)).sum::<f64>().sqrt();
+        let largest = by.iter().fold(0.0f64, |largest, by| largest.max(by.abs()));
+        if norm > 0.0 { largest / norm } else { 0.0 }
+    })
+    .fold(0.0, f64::max)
 }

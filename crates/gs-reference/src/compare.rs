@@ -11,6 +11,8 @@ pub struct Deviation {
     pub largest: f64,
     /// ‖found - expected‖ / ‖expected‖ (the numerator alone where nothing but zero is expected).
     pub relative_l2: f64,
+    /// Cosine of the angle between the two as vectors: 1 if both are 0, 0 if one is.
+    pub cosine: f64,
 }
 
 /// Why two buffers cannot be compared, or differ where they must not.
@@ -83,8 +85,9 @@ pub fn compare(
         }
     }
     let channels = expected.len() / masked.len().max(1);
-    let mut deviation = Deviation { max_abs: 0.0, worst: 0, largest: 0.0, relative_l2: 0.0 };
-    let (mut compared, mut error, mut norm) = (0usize, 0.0, 0.0);
+    let mut deviation = Deviation { max_abs: 0.0, worst: 0, largest: 0.0, relative_l2: 0.0, cosine: 0.0 };
+    let (mut compared, mut error) = (0usize, 0.0);
+    let (mut norm, mut norm_found, mut dot) = (0.0, 0.0, 0.0);
     for (index, (expected, found)) in expected.iter().zip(&found).enumerate() {
         if !masked.is_empty() && masked[index / channels] {
             continue;
@@ -97,11 +100,19 @@ pub fn compare(
         compared += 1;
         error += difference * difference;
         norm += expected * expected;
+        norm_found += found * found;
+        dot += expected * found;
     }
     if compared == 0 {
         return Err(Mismatch::NothingCompared);
     }
     deviation.relative_l2 = if norm > 0.0 { (error / norm).sqrt() } else { error.sqrt() };
+    deviation.cosine = match (norm > 0.0, norm_found > 0.0) {
+        // One square root each: the product of squares could underflow.
+        (true, true) => dot / (norm.sqrt() * norm_found.sqrt()),
+        (false, false) => 1.0,
+        _ => 0.0,
+    };
     Ok(deviation)
 }
 
@@ -136,6 +147,19 @@ mod tests {
         let all = compare(expected, found, &[]).unwrap();
         assert_eq!((all.max_abs, all.worst), (6.0, 2));
         assert_eq!(compare([0.0; 2], [3.0, 4.0], &[]).unwrap().relative_l2, 5.0);
+    }
+
+    #[test]
+    fn cosines_tell_directions() {
+        let cosine = |found: [f64; 2]| compare([3.0, 4.0], found, &[]).unwrap().cosine;
+        let expected = [([6.0, 8.0], 1.0), ([-3.0, -4.0], -1.0), ([4.0, -3.0], 0.0), ([0.0, 0.0], 0.0)];
+        for (found, expected) in expected {
+            assert!((cosine(found) - expected).abs() < crate::tolerance::ROUNDING_F64);
+        }
+        assert_eq!(compare([0.0; 2], [0.0; 2], &[]).unwrap().cosine, 1.0);
+        assert_eq!(compare([0.0; 2], [1.0; 2], &[]).unwrap().cosine, 0.0);
+        // What is masked does not turn the vector.
+        assert_eq!(compare([3.0, 4.0], [3.0, -9.0], &[false, true]).unwrap().cosine, 1.0);
     }
 
     #[test]

@@ -2,15 +2,15 @@
 
 mod case;
 mod compare;
+mod error;
 mod naive;
 mod profile;
-mod project;
-mod sh;
 pub mod tolerance;
 
-pub use case::{Case, Expected};
+pub use case::{Case, Expected, GoldenGradient, Loss};
 pub use compare::{Deviation, Mismatch, compare, compare_exactly};
-pub use naive::{Reference, render};
-pub use profile::Profile;
-pub use project::{Projected, project};
-pub use sh::basis;
+pub use error::{Error, Result};
+pub use naive::{
+    PixelGradients, Projected, Reference, ReferenceGradients, Variable, backward, basis, project, render,
+};
+pub use profile::{Profile, ShAxes};

@@ -1,4 +1,16 @@
-use crate::{Profile, Projected, project};
+//! The renderer by its definition: no tiles, no bounds, no threads.
+
+mod backward;
+mod gradients;
+mod project;
+mod sh;
+
+pub use backward::backward;
+pub use gradients::{PixelGradients, ReferenceGradients, Variable};
+pub use project::{Projected, project};
+pub use sh::basis;
+
+use crate::Profile;
 use gs_scene::{Camera, Gaussians};
 
 /// What the reference renders, `[height, width]` row-major each.
@@ -29,7 +41,7 @@ pub struct Reference {
 pub fn render(gaussians: &Gaussians, camera: &Camera, background: [f64; 3], profile: &Profile) -> Reference {
     let mut seen: Vec<Projected> =
         (0..gaussians.len()).filter_map(|index| project(gaussians, index, camera, profile)).collect();
-    seen.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.index.cmp(&b.index)));
+    seen.sort_by(near_to_far);
 
     let pixels = camera.width() * camera.height();
     let mut out = Reference {
@@ -44,47 +56,69 @@ pub fn render(gaussians: &Gaussians, camera: &Camera, background: [f64; 3], prof
     };
     for row in 0..camera.height() {
         for column in 0..camera.width() {
-            let pixel = composite(&seen, column as f64 + 0.5, row as f64 + 0.5, profile);
+            let pixel = composite(&seen, column, row, profile);
+            let (mut rgb, mut depth_sum) = ([0.0; 3], 0.0);
+            for layer in &pixel.layers {
+                let (gaussian, weight) = (&seen[layer.place], layer.transmittance * layer.alpha);
+                for (sum, channel) in rgb.iter_mut().zip(gaussian.rgb) {
+                    *sum += weight * channel;
+                }
+                depth_sum += weight * gaussian.depth;
+            }
             let alpha = 1.0 - pixel.transmittance;
-            out.image.extend((0..3).map(|c| pixel.rgb[c] + pixel.transmittance * background[c]));
+            out.image.extend((0..3).map(|c| rgb[c] + pixel.transmittance * background[c]));
             out.alpha.push(alpha);
             out.transmittance.push(pixel.transmittance);
-            out.depth_sum.push(pixel.depth_sum);
-            out.depth.push(if pixel.contributors > 0 { pixel.depth_sum / alpha } else { 0.0 });
-            out.contributors.push(pixel.contributors);
-            out.last.push(pixel.last);
+            out.depth_sum.push(depth_sum);
+            out.depth.push(if pixel.layers.is_empty() { 0.0 } else { depth_sum / alpha });
+            out.contributors.push(pixel.layers.len() as i32);
+            out.last.push(pixel.layers.last().map_or(-1, |layer| seen[layer.place].index as i32));
             out.margin.push(pixel.margin);
         }
     }
     out
 }
 
-struct Pixel {
-    rgb: [f64; 3],
+/// By z-depth, and where that is equal by index.
+fn near_to_far(a: &Projected, b: &Projected) -> std::cmp::Ordering {
+    a.depth.total_cmp(&b.depth).then(a.index.cmp(&b.index))
+}
+
+/// One Gaussian in one pixel.
+struct Layer {
+    /// Which Gaussian, by its place near to far.
+    place: usize,
+    /// Pixel centre minus the Gaussian's, pixels.
+    offset: [f64; 2],
+    /// exp(-σ).
+    falloff: f64,
+    /// Opacity in this pixel.
+    alpha: f64,
+    /// Transmittance in front of it.
     transmittance: f64,
-    depth_sum: f64,
-    contributors: i32,
-    last: i32,
+}
+
+struct Pixel {
+    /// The Gaussians that are drawn, near to far.
+    layers: Vec<Layer>,
+    /// What is left behind them.
+    transmittance: f64,
+    /// As [`Reference::margin`].
     margin: f64,
 }
 
-fn composite(near_to_far: &[Projected], x: f64, y: f64, profile: &Profile) -> Pixel {
-    let mut pixel = Pixel {
-        rgb: [0.0; 3],
-        transmittance: 1.0,
-        depth_sum: 0.0,
-        contributors: 0,
-        last: -1,
-        margin: f64::INFINITY,
-    };
-    for gaussian in near_to_far {
-        let (dx, dy) = (x - gaussian.mean.x, y - gaussian.mean.y);
+/// Decides which Gaussians are drawn in a pixel, and how opaque they are.
+fn composite(near_to_far: &[Projected], column: usize, row: usize, profile: &Profile) -> Pixel {
+    let mut pixel = Pixel { layers: Vec::new(), transmittance: 1.0, margin: f64::INFINITY };
+    for (place, gaussian) in near_to_far.iter().enumerate() {
+        let (dx, dy) = (column as f64 + 0.5 - gaussian.mean.x, row as f64 + 0.5 - gaussian.mean.y);
         let [a, b, c] = gaussian.conic;
         let sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy;
         if sigma < 0.0 {
             continue;
         }
-        let density = gaussian.opacity * (-sigma).exp();
+        let falloff = (-sigma).exp();
+        let density = gaussian.opacity * falloff;
         let alpha = density.min(profile.alpha_max);
         let mut decide = |value: f64, threshold: f64| {
             pixel.margin = pixel.margin.min((value / threshold - 1.0).abs());
@@ -99,14 +133,14 @@ fn composite(near_to_far: &[Projected], x: f64, y: f64, profile: &Profile) -> Pi
         if next < profile.transmittance_min {
             break;
         }
-        let weight = pixel.transmittance * alpha;
-        for (sum, channel) in pixel.rgb.iter_mut().zip(gaussian.rgb) {
-            *sum += weight * channel;
-        }
-        pixel.depth_sum += weight * gaussian.depth;
+        pixel.layers.push(Layer {
+            place,
+            offset: [dx, dy],
+            falloff,
+            alpha,
+            transmittance: pixel.transmittance,
+        });
         pixel.transmittance = next;
-        pixel.contributors += 1;
-        pixel.last = gaussian.index as i32;
     }
     pixel
 }

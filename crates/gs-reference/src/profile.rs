@@ -1,4 +1,6 @@
-/// The numbers that renderers of this family disagree in. The default is the reference profile, in which every
+use glam::DVec3;
+
+/// What renderers of this family disagree in. The default is the reference profile, in which every
 /// number is rounded to f32 first, so that f32 and f64 programs take their decisions at the same thresholds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Profile {
@@ -18,6 +20,35 @@ pub struct Profile {
     pub antialias: bool,
     /// Least factor of that compensation.
     pub compensation_min: f64,
+    /// Axes in which the spherical harmonics are evaluated.
+    pub sh_axes: ShAxes,
+}
+
+/// Axes in which the basis of the spherical harmonics is evaluated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ShAxes {
+    /// The world's (x, y, z).
+    Standard,
+    /// (z, x, y), as renderers do whose coefficients follow e3nn.
+    E3nn,
+}
+
+impl ShAxes {
+    /// A direction of the world in these axes.
+    pub(crate) fn from_world(self, d: DVec3) -> DVec3 {
+        match self {
+            Self::Standard => d,
+            Self::E3nn => DVec3::new(d.z, d.x, d.y),
+        }
+    }
+
+    /// The inverse of [`ShAxes::from_world`].
+    pub(crate) fn to_world(self, d: DVec3) -> DVec3 {
+        match self {
+            Self::Standard => d,
+            Self::E3nn => DVec3::new(d.y, d.z, d.x),
+        }
+    }
 }
 
 impl Default for Profile {
@@ -31,6 +62,7 @@ impl Default for Profile {
             transmittance_min: f64::from(1e-4f32),
             antialias: false,
             compensation_min: f64::from(0.005f32),
+            sh_axes: ShAxes::Standard,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The only home of tolerances: quantity, unit, bound, reason. Widening one is a commit of its own.
 
-use crate::Deviation;
+use crate::{Deviation, GoldenGradient};
 
 /// Rounding of a few operations in f64 on numbers near 1, relative.
 pub const ROUNDING_F64: f64 = 1e-14;
@@ -16,6 +16,20 @@ pub const REFERENCE_IMAGE: f64 = 1e-6;
 /// golden determinant a c - b² of a needle of 180 pixels keeps ten digits.
 pub const REFERENCE_INTERMEDIATE: f64 = 1e-9;
 
+/// gs-reference against golden f64 gradients, relative to the largest: the same arithmetic in another order; sums over
+/// pixels cancel to some digits.
+pub const REFERENCE_GRADIENT: f64 = 1e-8;
+
+/// gs-reference against golden f64 gradients that are 0 by symmetry, absolute: what rounding leaves of sums of about 1.
+pub const REFERENCE_GRADIENT_ABSOLUTE: f64 = 1e-12;
+
+/// gs-reference against a golden loss, relative to the sum of its terms' magnitudes.
+pub const REFERENCE_LOSS: f64 = 1e-12;
+
+/// Gradients of gs-reference against central differences (extrapolated from two steps), relative to the largest of a
+/// group of columns: the fourth power of a step of 1e-3, and the rounding of the loss over a step of 3e-5.
+pub const CENTRAL_DIFFERENCE: f64 = 1e-7;
+
 /// Factor on the deviation that plain f32 has on the same case: room for another order of the same operations.
 pub const F32_FACTOR: f64 = 10.0;
 
@@ -30,6 +44,13 @@ pub const F32_WITHOUT_FLOOR: f64 = 1e-5;
 /// Gaussian, and what is drawn there is what it lacks to 1.
 pub const F32_ABSOLUTE: f64 = 5e-7;
 
+/// Gradients with a largest value below this have the deviation of plain f32 given relative to this instead.
+pub const F32_GRADIENT_LEAST: f64 = 1e-6;
+
+/// An f32 renderer on gradients that are 0 because terms cancel, relative to those terms: four roundings of 6e-8 in each,
+/// of which a quaternion's gradient adds four, doubled.
+pub const F32_CANCELLING: f64 = 2e-6;
+
 /// Distance of a decision from its threshold, relative, below which f32 may decide otherwise.
 pub const AMBIGUOUS: f64 = 5e-4;
 
@@ -41,6 +62,22 @@ pub fn f32_bound(deviation: &Deviation, floor: Option<f64>) -> f64 {
         None => F32_WITHOUT_FLOOR * deviation.largest,
     };
     bound.max(F32_ABSOLUTE)
+}
+
+/// Bound on the largest deviation of an f32 renderer from a golden gradient.
+#[must_use]
+pub fn f32_gradient_bound(deviation: &Deviation, golden: &GoldenGradient) -> f64 {
+    let bound = match golden.f32_floor {
+        Some(floor) => (F32_FACTOR * floor).max(F32_LEAST) * deviation.largest.max(F32_GRADIENT_LEAST),
+        None => F32_WITHOUT_FLOOR * deviation.largest,
+    };
+    bound.max(F32_CANCELLING * golden.cancelling)
+}
+
+/// Bound on the largest deviation of gs-reference from a golden gradient.
+#[must_use]
+pub fn reference_gradient_bound(deviation: &Deviation) -> f64 {
+    REFERENCE_GRADIENT * deviation.largest + REFERENCE_GRADIENT_ABSOLUTE
 }
 
 /// Bound on the largest deviation of gs-reference from a golden image.

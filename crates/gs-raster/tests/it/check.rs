@@ -36,6 +36,7 @@ pub(crate) fn settings(profile: &Profile, background: [f32; 3]) -> RenderSetting
 
 /// The f32 renderer on a case, outside the pixels in which f32 may take another decision than f64.
 pub(crate) fn check_cpu(case: &Case) -> Vec<Row> {
+    let case = case.clone().in_standard_axes();
     let view = render(&case.gaussians, &case.camera, &settings(&case.profile, case.background))
         .expect("the settings of a golden case are valid");
     let floor = case.f32_image_floor;

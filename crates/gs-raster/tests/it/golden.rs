@@ -16,7 +16,10 @@ fn cases() -> Vec<(String, Case)> {
     assert_eq!(files.len(), 21, "golden cases");
     files
         .iter()
-        .map(|file| (file.file_stem().expect("a file").to_string_lossy().into_owned(), Case::read(file)))
+        .map(|file| {
+            let name = file.file_stem().expect("a file").to_string_lossy().into_owned();
+            (name, Case::read(file).expect("a golden case"))
+        })
         .collect()
 }
 

@@ -27,6 +27,32 @@ pub fn basis(direction: DVec3) -> [f64; 16] {
     ]
 }
 
+/// The derivatives of [`basis`], taken as polynomials of three independent numbers, by the direction. Only their part
+/// across the direction means anything.
+pub(super) fn basis_gradients(direction: DVec3) -> [DVec3; 16] {
+    let DVec3 { x, y, z } = direction;
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let c1 = 0.4886025119029199;
+    [
+        DVec3::ZERO,
+        DVec3::new(0.0, -c1, 0.0),
+        DVec3::new(0.0, 0.0, c1),
+        DVec3::new(-c1, 0.0, 0.0),
+        1.0925484305920792 * DVec3::new(y, x, 0.0),
+        -1.0925484305920792 * DVec3::new(0.0, z, y),
+        0.31539156525252005 * DVec3::new(-2.0 * x, -2.0 * y, 4.0 * z),
+        -1.0925484305920792 * DVec3::new(z, 0.0, x),
+        0.5462742152960396 * DVec3::new(2.0 * x, -2.0 * y, 0.0),
+        -0.5900435899266435 * DVec3::new(6.0 * x * y, 3.0 * (xx - yy), 0.0),
+        2.890611442640554 * DVec3::new(y * z, x * z, x * y),
+        -0.4570457994644658 * DVec3::new(-2.0 * x * y, 4.0 * zz - xx - 3.0 * yy, 8.0 * y * z),
+        0.3731763325901154 * DVec3::new(-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * (xx + yy)),
+        -0.4570457994644658 * DVec3::new(4.0 * zz - 3.0 * xx - yy, -2.0 * x * y, 8.0 * x * z),
+        1.445305721320277 * DVec3::new(2.0 * x * z, -2.0 * y * z, xx - yy),
+        -0.5900435899266435 * DVec3::new(3.0 * (xx - yy), -6.0 * x * y, 0.0),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
