@@ -1,0 +1,252 @@
+// project_backward: derivatives by what is stored of the Gaussians, and by the pose.
+// One invocation: one Gaussian, in the order of depth. Dispatch: n_gaussians / WORKGROUP, folded.
+// Bindings:
+//   0 frame          uniform      Frame
+//   1 geometry       read         [n, 11] stored columns, means relative to the origin of the upload
+//   2 sh             read         [n, (SH_DEGREE + 1)², 3]
+//   3 order          read         [n] indices of Gaussians, the visible ones first, near to far
+//   4 offsets        read         [n + 1] place of the first pair of each
+//   5 pair_grads     read         [pairs, 10] as rasterize_backward writes them
+//   6 grad_geometry  read_write   [n, 11] added to
+//   7 grad_sh        read_write   [n, (SH_DEGREE + 1)², 3] added to
+//   8 pose_sums      read_write   [workgroups, 15] by R with means relative to the origin (9), by the position in camera axes
+//                                 (3), by the camera centre through colours (3)
+// Overrides: WORKGROUP SH_DEGREE ANTIALIAS
+// Twin: crates/gs-reference/src/project_backward.rs
+
+override WORKGROUP: u32;
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> geometry: array<f32>;
+@group(0) @binding(2) var<storage, read> sh: array<f32>;
+@group(0) @binding(3) var<storage, read> order: array<u32>;
+@group(0) @binding(4) var<storage, read> offsets: array<u32>;
+@group(0) @binding(5) var<storage, read> pair_grads: array<f32>;
+@group(0) @binding(6) var<storage, read_write> grad_geometry: array<f32>;
+@group(0) @binding(7) var<storage, read_write> grad_sh: array<f32>;
+@group(0) @binding(8) var<storage, read_write> pose_sums: array<f32>;
+
+const LN_2: f32 = 0.6931471805599453;
+const POSE_SUMS: u32 = 15;
+
+// What one Gaussian adds to the derivatives by the pose.
+struct Pose {
+    rotation: array<vec3f, 3>,
+    p: vec3f,
+    centre: vec3f,
+}
+
+var<workgroup> partial: array<f32, WORKGROUP>;
+
+@compute @workgroup_size(WORKGROUP)
+fn project_backward(
+    @builtin(workgroup_id) workgroup: vec3u,
+    @builtin(num_workgroups) grid: vec3u,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let group = folded(workgroup, grid);
+    let rank = group * WORKGROUP + local;
+    var pose: Pose;
+    if rank < frame.n_gaussians {
+        let first = offsets[rank];
+        let end = offsets[rank + 1u];
+        if first < end {
+            var sums: array<f32, 10>;
+            for (var pair = first; pair < end; pair++) {
+                for (var i = 0u; i < 10u; i++) {
+                    sums[i] += pair_grads[pair * 10u + i];
+                }
+            }
+            pose = differentiate(order[rank], sums);
+        }
+    }
+    if group * WORKGROUP >= frame.n_gaussians {
+        return;
+    }
+    for (var i = 0u; i < POSE_SUMS; i++) {
+        var value = 0.0;
+        if i < 9u {
+            value = pose.rotation[i / 3u][i % 3u];
+        } else if i < 12u {
+            value = pose.p[i - 9u];
+        } else {
+            value = pose.centre[i - 12u];
+        }
+        partial[local] = value;
+        for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
+            workgroupBarrier();
+            if local < half {
+                partial[local] += partial[local + half];
+            }
+        }
+        workgroupBarrier();
+        if local == 0u {
+            pose_sums[group * POSE_SUMS + i] = partial[0];
+        }
+        workgroupBarrier();
+    }
+}
+
+fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
+    let gaussian = activated(index);
+    let seen = seen_at(gaussian.mean);
+    let f = footprint_of(gaussian, seen);
+    let inverse_z = 1.0 / seen.p.z;
+
+    // The exponent is (A e² + g dy²) / 2 with e = dx - shear dy.
+    let a = -2.0 * LN_2 * f.falloff.x;
+    let g = -2.0 * LN_2 * f.falloff.y;
+    let h = f.shear;
+    let grad_mean = vec2f(-a * sums[1], a * h * sums[1] - g * sums[2]);
+    // By the rows of V; w is u without what of it lies along v, small where they cancel.
+    let w = f.u - h * f.v;
+    let aee = a * a * sums[3];
+    let aey = g * a * sums[4];
+    let gyy = g * g * sums[5];
+    var grad_u = -aee * w - aey * f.v;
+    var grad_v = h * aee * w - aey * (w - h * f.v) - gyy * f.v;
+
+    let grad_ln_opacity = -sums[0];
+    if ANTIALIAS {
+        let ratio = f.det_sharp / f.det;
+        if ratio > frame.compensation_min * frame.compensation_min {
+            let cross_uv = cross(f.u, f.v);
+            let by_sharp = grad_ln_opacity * (1.0 - ratio) / f.det_sharp;
+            let by_filter = grad_ln_opacity * frame.eps2d / f.det;
+            grad_u += by_sharp * cross(f.v, cross_uv) - by_filter * f.u;
+            grad_v += by_sharp * cross(cross_uv, f.u) - by_filter * f.v;
+        }
+    }
+
+    // Rows of V are (jacobian · axes) scale.
+    let limited = gaussian.scale > f.scale;
+    let grad_log_scale = select(grad_u * f.u + grad_v * f.v, vec3f(0.0), limited);
+    let scaled_u = grad_u * f.scale;
+    let scaled_v = grad_v * f.scale;
+    let grad_jacobian_u = gaussian.axes * scaled_u;
+    let grad_jacobian_v = gaussian.axes * scaled_v;
+    let grad_axes = mat3x3f(
+        f.jacobian_u * scaled_u.x + f.jacobian_v * scaled_v.x,
+        f.jacobian_u * scaled_u.y + f.jacobian_v * scaled_v.y,
+        f.jacobian_u * scaled_u.z + f.jacobian_v * scaled_v.z,
+    );
+
+    // Position in camera axes: through the centre, the depth, the slope at which the Jacobian stands, and its 1/z.
+    let forward = frame.pose[2].xyz;
+    let focal_z = frame.focal * inverse_z;
+    let grad_clamped = -focal_z * vec2f(dot(forward, grad_jacobian_u), dot(forward, grad_jacobian_v));
+    let is_free = seen.slope == seen.clamped;
+    let grad_slope = grad_mean * frame.focal + select(vec2f(0.0), grad_clamped, is_free);
+    let grad_z = sums[9] - inverse_z
+        * (dot(grad_slope, seen.slope) + dot(grad_jacobian_u, f.jacobian_u) + dot(grad_jacobian_v, f.jacobian_v));
+    let grad_p = vec3f(grad_slope * inverse_z, grad_z);
+
+    // Colour.
+    let offset = gaussian.mean - frame.position;
+    let distance = long_length(offset);
+    let direction = offset / distance;
+    let basis = sh_basis(direction);
+    var colour = vec3f(0.5);
+    for (var k = 0u; k < sh_coefficients(); k++) {
+        colour += basis[k] * sh_at(index, k);
+    }
+    let grad_colour = select(vec3f(0.0), vec3f(sums[6], sums[7], sums[8]), colour > vec3f(0.0));
+    for (var k = 0u; k < sh_coefficients(); k++) {
+        let at = (index * sh_coefficients() + k) * 3u;
+        for (var channel = 0u; channel < 3u; channel++) {
+            grad_sh[at + channel] += defined(basis[k] * grad_colour[channel]);
+        }
+    }
+    var grad_direction = sh_gradient(index, direction, grad_colour);
+    grad_direction = (grad_direction - direction * dot(direction, grad_direction)) / distance;
+
+    let grad_world = grad_p.x * frame.pose[0].xyz + grad_p.y * frame.pose[1].xyz + grad_p.z * forward + grad_direction;
+    let grad_quaternion = quaternion_gradient(gaussian.quaternion, grad_axes) / gaussian.norm;
+    let grad_logit = grad_ln_opacity * sigmoid(-gaussian.logit);
+    let at = index * 11u;
+    for (var i = 0u; i < 3u; i++) {
+        grad_geometry[at + i] += defined(grad_world[i]);
+        grad_geometry[at + 7u + i] += defined(grad_log_scale[i]);
+    }
+    for (var i = 0u; i < 4u; i++) {
+        grad_geometry[at + 3u + i] += defined(grad_quaternion[i]);
+    }
+    grad_geometry[at + 10u] += defined(grad_logit);
+
+    var pose: Pose;
+    let by_u = grad_jacobian_u * focal_z.x;
+    let by_v = grad_jacobian_v * focal_z.y;
+    pose.rotation[0] = all_defined(grad_p.x * gaussian.mean + by_u);
+    pose.rotation[1] = all_defined(grad_p.y * gaussian.mean + by_v);
+    pose.rotation[2] = all_defined(grad_p.z * gaussian.mean - seen.clamped.x * by_u - seen.clamped.y * by_v);
+    pose.p = all_defined(grad_p);
+    pose.centre = all_defined(-grad_direction);
+    return pose;
+}
+
+// By the stored quaternion of unit norm, which it is orthogonal to, given those by the axes (columns).
+fn quaternion_gradient(q: vec4f, grad: mat3x3f) -> vec4f {
+    let w = q.x;
+    let x = q.y;
+    let y = q.z;
+    let z = q.w;
+    // grad[column][row]
+    let free = 2.0 * vec4f(
+        x * (grad[1][2] - grad[2][1]) + y * (grad[2][0] - grad[0][2]) + z * (grad[0][1] - grad[1][0]),
+        y * (grad[1][0] + grad[0][1]) + z * (grad[2][0] + grad[0][2]) + w * (grad[1][2] - grad[2][1])
+            - 2.0 * x * (grad[1][1] + grad[2][2]),
+        x * (grad[1][0] + grad[0][1]) + z * (grad[2][1] + grad[1][2]) + w * (grad[2][0] - grad[0][2])
+            - 2.0 * y * (grad[0][0] + grad[2][2]),
+        x * (grad[2][0] + grad[0][2]) + y * (grad[2][1] + grad[1][2]) + w * (grad[0][1] - grad[1][0])
+            - 2.0 * z * (grad[0][0] + grad[1][1]),
+    );
+    return free - q * dot(q, free);
+}
+
+fn sh_at(index: u32, k: u32) -> vec3f {
+    let at = (index * sh_coefficients() + k) * 3u;
+    return vec3f(sh[at], sh[at + 1u], sh[at + 2u]);
+}
+
+// By the direction from which the colour is seen.
+fn sh_gradient(index: u32, d: vec3f, grad_colour: vec3f) -> vec3f {
+    var grad = vec3f(0.0);
+    if SH_DEGREE >= 1u {
+        grad.y -= SH_C1 * dot(sh_at(index, 1u), grad_colour);
+        grad.z += SH_C1 * dot(sh_at(index, 2u), grad_colour);
+        grad.x -= SH_C1 * dot(sh_at(index, 3u), grad_colour);
+    }
+    if SH_DEGREE >= 2u {
+        grad += SH_C2_XY * dot(sh_at(index, 4u), grad_colour) * vec3f(d.y, d.x, 0.0);
+        grad -= SH_C2_XY * dot(sh_at(index, 5u), grad_colour) * vec3f(0.0, d.z, d.y);
+        grad += SH_C2_ZZ * dot(sh_at(index, 6u), grad_colour) * vec3f(-2.0 * d.x, -2.0 * d.y, 4.0 * d.z);
+        grad -= SH_C2_XY * dot(sh_at(index, 7u), grad_colour) * vec3f(d.z, 0.0, d.x);
+        grad += SH_C2_XX * dot(sh_at(index, 8u), grad_colour) * vec3f(2.0 * d.x, -2.0 * d.y, 0.0);
+    }
+    if SH_DEGREE >= 3u {
+        let xx = d.x * d.x;
+        let yy = d.y * d.y;
+        let zz = d.z * d.z;
+        let xy = d.x * d.y;
+        let yz = d.y * d.z;
+        let xz = d.x * d.z;
+        grad += SH_C3_Y3 * dot(sh_at(index, 9u), grad_colour) * vec3f(6.0 * xy, 3.0 * (xx - yy), 0.0);
+        grad += SH_C3_XYZ * dot(sh_at(index, 10u), grad_colour) * vec3f(yz, xz, xy);
+        grad += SH_C3_YZZ * dot(sh_at(index, 11u), grad_colour) * vec3f(-2.0 * xy, 4.0 * zz - xx - 3.0 * yy, 8.0 * yz);
+        grad += SH_C3_ZZZ * dot(sh_at(index, 12u), grad_colour)
+            * vec3f(-6.0 * xz, -6.0 * yz, 6.0 * zz - 3.0 * xx - 3.0 * yy);
+        grad += SH_C3_YZZ * dot(sh_at(index, 13u), grad_colour) * vec3f(4.0 * zz - 3.0 * xx - yy, -2.0 * xy, 8.0 * xz);
+        grad += SH_C3_ZXX * dot(sh_at(index, 14u), grad_colour) * vec3f(2.0 * xz, -2.0 * yz, xx - yy);
+        grad += SH_C3_Y3 * dot(sh_at(index, 15u), grad_colour) * vec3f(3.0 * (xx - yy), -6.0 * xy, 0.0);
+    }
+    return grad;
+}
+
+// A derivative that left the range of f32 on the way is not known: it counts as zero rather than to spoil every sum.
+fn defined(x: f32) -> f32 {
+    return select(0.0, x, is_finite(x));
+}
+
+fn all_defined(v: vec3f) -> vec3f {
+    return vec3f(defined(v.x), defined(v.y), defined(v.z));
+}

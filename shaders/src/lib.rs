@@ -1,0 +1,15 @@
+#![doc = include_str!("../README.md")]
+
+mod abi;
+mod features;
+mod passes;
+
+pub use abi::{
+    CULLED, Frame, GEOMETRY, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PIXEL_GRADS, POSE_SUMS, REJECTED,
+    Scan, Sort, Splat, VISIBLE,
+};
+pub use features::Features;
+pub use passes::{
+    Access, BIN, Binding, EntryPoint, ITEMS, PASSES, PROJECT, PROJECT_BACKWARD, Pass, RASTERIZE_BACKWARD,
+    RASTERIZE_FORWARD, SCAN, SORT, SORT_DIGIT_BITS, TILE, TILE_RANGES, WORKGROUP,
+};
