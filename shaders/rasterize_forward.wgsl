@@ -6,7 +6,8 @@
 //   2 pair_splats  read         [pairs] index of the Gaussian
 //   3 pair_index   read         [pairs] sorted by tile, within a tile near to far
 //   4 ranges       read         [tiles] first pair and the one after the last
-//   5 pixels       read_write   [h, w, 4] colour over the background and transmittance; with DEPTH [h, w] Σ w z after that
+//   5 pixels       read_write   [h, w, 4] colour over the background and transmittance; with DEPTH
+//                              [h, w] Σ w and [h, w] Σ w z after that
 //   6 ends         read_write   [h, w] place in the sorted pairs after the last one that was composited
 // Overrides: TILE DEPTH
 // Twin: crates/gs-reference/src/rasterize_forward.rs
@@ -60,7 +61,8 @@ fn composite(workgroup: vec3u, place: vec3u, local: u32) -> u32 {
     let log2_alpha_min = log2(frame.alpha_min);
 
     var colour = vec3f(0.0);
-    var depth = 0.0;
+    var sum_weight = 0.0;
+    var sum_depth = 0.0;
     var transmittance = 1.0;
     var end = 0u;
     var done = !inside;
@@ -92,7 +94,8 @@ fn composite(workgroup: vec3u, place: vec3u, local: u32) -> u32 {
                     let weight = transmittance * alpha.value;
                     colour += weight * vec3f(splat.red, splat.green, splat.blue);
                     if DEPTH {
-                        depth += weight * splat.depth;
+                        sum_weight += weight;
+                        sum_depth += weight * splat.depth;
                     }
                     transmittance = next;
                     end = start + i + 1u;
@@ -108,7 +111,9 @@ fn composite(workgroup: vec3u, place: vec3u, local: u32) -> u32 {
         pixels[at * 4u + 2u] = colour.b;
         pixels[at * 4u + 3u] = transmittance;
         if DEPTH {
-            pixels[frame.size.x * frame.size.y * 4u + at] = depth;
+            let n_pixels = frame.size.x * frame.size.y;
+            pixels[n_pixels * 4u + at] = sum_weight;
+            pixels[n_pixels * 5u + at] = sum_depth;
         }
     }
     return end;
