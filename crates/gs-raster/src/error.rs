@@ -66,6 +66,70 @@ pub enum Error {
     /// A gradient by depth is given, but depth was not rendered.
     #[error("a gradient by depth needs a view that was rendered with depth")]
     DepthNotRendered,
+    /// The tape was recorded on another device.
+    #[error("the tape was recorded on another device than this rasterizer's")]
+    OtherDevice,
+    /// No adapter comes into question.
+    #[error("no GPU to render on, found {found}; the CPU path needs none")]
+    NoAdapter {
+        /// What there is.
+        found: String,
+    },
+    /// The adapter does not start.
+    #[cfg(feature = "gpu")]
+    #[error("the adapter {adapter} does not start")]
+    Device {
+        /// Name of the adapter.
+        adapter: String,
+        /// Why.
+        source: Box<wgpu::RequestDeviceError>,
+    },
+    /// The adapter renders other than it should.
+    #[cfg(feature = "gpu")]
+    #[error(
+        "the adapter {adapter} fails the self-test: {output} is off by {found:e}, {allowed:e} allowed; update its \
+         driver or render on the CPU"
+    )]
+    SelfTest {
+        /// Name of the adapter.
+        adapter: String,
+        /// What it got wrong.
+        output: &'static str,
+        /// Largest deviation.
+        found: f32,
+        /// Largest deviation allowed.
+        allowed: f32,
+    },
+    /// The scene or the picture is too large for the adapter.
+    #[cfg(feature = "gpu")]
+    #[error(
+        "the {what} of this scene takes {bytes} bytes, the adapter binds {limit}: render fewer Gaussians, a lower SH \
+         degree or a smaller image, or render on the CPU"
+    )]
+    TooLargeForGpu {
+        /// Which buffer.
+        what: &'static str,
+        /// Its size.
+        bytes: u64,
+        /// The largest size.
+        limit: u64,
+    },
+    /// The adapter failed.
+    #[cfg(feature = "gpu")]
+    #[error("the adapter {adapter} failed")]
+    Gpu {
+        /// Name of the adapter.
+        adapter: String,
+        /// Why.
+        source: Box<wgpu::Error>,
+    },
+    /// The adapter was lost.
+    #[cfg(feature = "gpu")]
+    #[error("the adapter {adapter} was lost while it worked; render on the CPU, or a smaller scene")]
+    DeviceLost {
+        /// Name of the adapter.
+        adapter: String,
+    },
     /// The picture could not be made.
     #[error(transparent)]
     Scene(#[from] gs_scene::Error),

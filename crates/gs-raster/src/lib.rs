@@ -8,9 +8,11 @@ mod rasterizer;
 mod render;
 
 mod cpu;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 
 pub use error::{Error, Result};
 pub use gradients::{Gradients, PixelGradients, PoseGradient};
-pub use rasterizer::{Rasterizer, Tape};
+pub use rasterizer::{Device, Rasterizer, Tape};
 pub use render::{RenderStats, Rendering, StageSeconds, render};
 pub use settings::RenderSettings;

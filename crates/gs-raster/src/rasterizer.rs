@@ -1,25 +1,103 @@
+#[cfg(feature = "gpu")]
+use crate::gpu::{self, AdapterChoice, Gpu, GpuOptions};
 use crate::{Error, Gradients, PixelGradients, RenderSettings, Rendering, Result, cpu};
 use gs_scene::{Camera, Gaussians};
 
+/// Where to render.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Device {
+    /// On a GPU if there is a real one that passes the self-test, else on the CPU.
+    #[default]
+    Auto,
+    /// On a GPU; where there is only a software adapter, on that.
+    Gpu,
+    /// On the CPU.
+    Cpu,
+}
+
 /// Renders scenes and differentiates renderings; keeps its buffers from one frame to the next.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Rasterizer {
-    scratch: cpu::Scratch,
+    backend: Backend,
+    /// Why [`Device::Auto`] did not take a GPU.
+    fallback: Option<Error>,
+}
+
+#[derive(Debug)]
+enum Backend {
+    Cpu(cpu::Scratch),
+    #[cfg(feature = "gpu")]
+    Gpu(Box<Gpu>),
 }
 
 /// What [`Rasterizer::backward`] needs to know of a forward pass.
 #[derive(Debug)]
 pub struct Tape {
+    n_gaussians: usize,
+    sh_degree: usize,
     cameras: Vec<Camera>,
     settings: RenderSettings,
-    views: Vec<cpu::Tape>,
+    views: Views,
+}
+
+#[derive(Debug)]
+enum Views {
+    Cpu(Vec<cpu::Tape>),
+    #[cfg(feature = "gpu")]
+    Gpu(gpu::Tape),
 }
 
 impl Rasterizer {
+    /// A rasterizer on a device.
+    ///
+    /// # Errors
+    /// If [`Device::Gpu`] is asked for and there is none, it does not start, or it fails its self-test.
+    pub fn new(device: Device) -> Result<Self> {
+        #[cfg(feature = "gpu")]
+        match device {
+            Device::Cpu => Ok(Self::cpu()),
+            Device::Gpu => {
+                Self::gpu(&GpuOptions { adapter: AdapterChoice::OrSoftware, ..GpuOptions::default() })
+            }
+            Device::Auto => Ok(Self::gpu(&GpuOptions::default())
+                .unwrap_or_else(|error| Self { fallback: Some(error), ..Self::cpu() })),
+        }
+        #[cfg(not(feature = "gpu"))]
+        match device {
+            Device::Cpu | Device::Auto => Ok(Self::cpu()),
+            Device::Gpu => Err(Error::NoAdapter { found: "no graphics interface in this build".to_owned() }),
+        }
+    }
+
     /// A rasterizer on the CPU. It uses all threads of the current rayon pool; results do not depend on their number.
     #[must_use]
     pub fn cpu() -> Self {
-        Self::default()
+        Self { backend: Backend::Cpu(cpu::Scratch::default()), fallback: None }
+    }
+
+    /// A rasterizer on a GPU. Results are the same from run to run on one adapter.
+    ///
+    /// # Errors
+    /// If no adapter comes into question, it does not start, or it fails its self-test.
+    #[cfg(feature = "gpu")]
+    pub fn gpu(options: &GpuOptions) -> Result<Self> {
+        Ok(Self { backend: Backend::Gpu(Box::new(Gpu::new(options)?)), fallback: None })
+    }
+
+    /// The GPU that is used, if one is.
+    #[cfg(feature = "gpu")]
+    #[must_use]
+    pub fn adapter(&self) -> Option<&gpu::AdapterDescription> {
+        match &self.backend {
+            Backend::Cpu(_) => None,
+            Backend::Gpu(gpu) => Some(gpu.adapter()),
+        }
+    }
+
+    /// Why [`Device::Auto`] took the CPU: no real GPU, or one that does not start or fails its self-test.
+    #[must_use]
+    pub fn fallback(&self) -> Option<&Error> {
+        self.fallback.as_ref()
     }
 
     /// Renders `gaussians` as seen by `camera`.
@@ -28,18 +106,39 @@ impl Rasterizer {
     /// [`RenderStats::rejected`](crate::RenderStats::rejected).
     ///
     /// # Errors
-    /// If a setting lies outside its range, or the Gaussians touch more tiles than memory can hold.
+    /// If a setting lies outside its range, the Gaussians touch more tiles than memory can hold, the scene or the image
+    /// is too large for the GPU, or the GPU fails.
     pub fn render(
         &mut self,
         gaussians: &Gaussians,
         camera: &Camera,
         settings: &RenderSettings,
     ) -> Result<Rendering> {
-        settings.check()?;
-        cpu::render(gaussians, camera, settings, &mut self.scratch)
+        let mut views = self.render_views(gaussians, std::slice::from_ref(camera), settings)?;
+        Ok(views.pop().expect("one camera, one view"))
     }
 
-    /// As [`Rasterizer::render`], for several views, and keeps what [`Rasterizer::backward`] needs.
+    /// Renders `gaussians` as seen by each of `cameras`; the scene goes to the GPU once.
+    ///
+    /// # Errors
+    /// As [`Rasterizer::render`].
+    pub fn render_views(
+        &mut self,
+        gaussians: &Gaussians,
+        cameras: &[Camera],
+        settings: &RenderSettings,
+    ) -> Result<Vec<Rendering>> {
+        settings.check()?;
+        match &mut self.backend {
+            Backend::Cpu(scratch) => {
+                cameras.iter().map(|camera| cpu::render(gaussians, camera, settings, scratch)).collect()
+            }
+            #[cfg(feature = "gpu")]
+            Backend::Gpu(gpu) => gpu.render(gaussians, cameras, settings),
+        }
+    }
+
+    /// As [`Rasterizer::render_views`], and keeps what [`Rasterizer::backward`] needs.
     ///
     /// # Errors
     /// As [`Rasterizer::render`].
@@ -50,46 +149,77 @@ impl Rasterizer {
         settings: &RenderSettings,
     ) -> Result<(Vec<Rendering>, Tape)> {
         settings.check()?;
-        let mut renderings = Vec::with_capacity(cameras.len());
-        let mut views = Vec::with_capacity(cameras.len());
-        for camera in cameras {
-            let (rendering, tape) = cpu::record(gaussians, camera, settings, &mut self.scratch)?;
-            renderings.push(rendering);
-            views.push(tape);
-        }
-        Ok((renderings, Tape { cameras: cameras.to_vec(), settings: *settings, views }))
+        let (renderings, views) = match &mut self.backend {
+            Backend::Cpu(scratch) => {
+                let (mut renderings, mut views) = (Vec::new(), Vec::new());
+                for camera in cameras {
+                    let (rendering, view) = cpu::record(gaussians, camera, settings, scratch)?;
+                    renderings.push(rendering);
+                    views.push(view);
+                }
+                (renderings, Views::Cpu(views))
+            }
+            #[cfg(feature = "gpu")]
+            Backend::Gpu(gpu) => {
+                let (renderings, tape) = gpu.record(gaussians, cameras, settings)?;
+                (renderings, Views::Gpu(tape))
+            }
+        };
+        let tape = Tape {
+            n_gaussians: gaussians.len(),
+            sh_degree: gaussians.sh_degree(),
+            cameras: cameras.to_vec(),
+            settings: *settings,
+            views,
+        };
+        Ok((renderings, tape))
     }
 
-    /// Derivatives of a loss by everything that is stored of the Gaussians and by the poses, given those by the pixels of
-    /// the recorded views. `gaussians` is the scene that was recorded.
+    /// Derivatives of a loss by everything that is stored of the Gaussians, by the background and by the poses, given
+    /// those by the pixels of the recorded views. `gaussians` is the scene that was recorded, by this rasterizer.
     ///
     /// # Errors
-    /// If `gaussians` or `pixels` do not have the size of what was recorded, a number in `pixels` is not finite, or
-    /// depth has a gradient but was not rendered.
+    /// If `gaussians` or `pixels` do not have the size of what was recorded, a number in `pixels` is not finite, depth
+    /// has a gradient but was not rendered, another device recorded the tape, or the GPU fails.
     pub fn backward(
         &mut self,
         gaussians: &Gaussians,
         tape: &Tape,
         pixels: &[PixelGradients],
     ) -> Result<Gradients> {
-        if pixels.len() != tape.views.len() {
-            return Err(Error::Views { expected: tape.views.len(), found: pixels.len() });
+        let (found, found_degree) = (gaussians.len(), gaussians.sh_degree());
+        if (found, found_degree) != (tape.n_gaussians, tape.sh_degree) {
+            let (expected, expected_degree) = (tape.n_gaussians, tape.sh_degree);
+            return Err(Error::OtherScene { expected, expected_degree, found, found_degree });
+        }
+        if pixels.len() != tape.cameras.len() {
+            return Err(Error::Views { expected: tape.cameras.len(), found: pixels.len() });
         }
         for (camera, pixels) in tape.cameras.iter().zip(pixels) {
             pixels.check(camera, &tape.settings)?;
         }
         let mut gradients = Gradients::zero(gaussians);
-        for ((view, camera), pixels) in tape.views.iter().zip(&tape.cameras).zip(pixels) {
-            let pose = cpu::backward(
-                gaussians,
-                camera,
-                &tape.settings,
-                view,
-                pixels,
-                &mut gradients,
-                &mut self.scratch,
-            )?;
-            gradients.poses.push(pose);
+        match (&mut self.backend, &tape.views) {
+            (Backend::Cpu(scratch), Views::Cpu(views)) => {
+                for ((view, camera), pixels) in views.iter().zip(&tape.cameras).zip(pixels) {
+                    let pose = cpu::backward(
+                        gaussians,
+                        camera,
+                        &tape.settings,
+                        view,
+                        pixels,
+                        &mut gradients,
+                        scratch,
+                    )?;
+                    gradients.poses.push(pose);
+                }
+            }
+            #[cfg(feature = "gpu")]
+            (Backend::Gpu(gpu), Views::Gpu(views)) => {
+                gpu.backward(views, &tape.cameras, &tape.settings, pixels, &mut gradients)?;
+            }
+            #[cfg(feature = "gpu")]
+            _ => return Err(Error::OtherDevice),
         }
         Ok(gradients)
     }

@@ -1,6 +1,11 @@
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
+/// Least opacity compensation of [`RenderSettings::antialias`], so that tiny Gaussians do not vanish.
+pub(crate) const COMPENSATION_MIN: f32 = 0.005;
+/// The most pairs of Gaussian and tile that are listed: 1 GiB of indices.
+pub(crate) const INTERSECTIONS_MAX: u64 = 1 << 28;
+
 /// How to render. The defaults are the thresholds of the 3DGS family of renderers; the near plane must follow the
 /// scale of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

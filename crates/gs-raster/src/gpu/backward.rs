@@ -1,0 +1,141 @@
+//! The backward pass on the GPU.
+
+use super::context::{Gpu, folded};
+use super::forward::{Tape, ViewTape};
+use super::pool::{Pooled, Use};
+use super::upload::Upload;
+use crate::{Gradients, PixelGradients, PoseGradient, RenderSettings, Result};
+use glam::{DMat3, DVec3};
+use gs_scene::Camera;
+use gs_shaders::{PAIR_GRADS, PIXEL_GRADS, POSE_SUMS, PROJECT_BACKWARD, RASTERIZE_BACKWARD, WORKGROUP};
+
+impl Gpu {
+    /// Adds the derivatives of all views to `gradients`.
+    pub(crate) fn backward(
+        &mut self,
+        tape: &Tape,
+        cameras: &[Camera],
+        settings: &RenderSettings,
+        pixels: &[PixelGradients],
+        gradients: &mut Gradients,
+    ) -> Result<()> {
+        let Some(upload) = &tape.upload else { return Ok(()) };
+        // Zeroed by the upload, whatever was in the buffers before.
+        let sums = [&gradients.geometry, &gradients.sh].map(|zeros| self.pool.storage(zeros));
+        for ((view, camera), pixels) in tape.views.iter().zip(cameras).zip(pixels) {
+            for (pixel, t) in pixels.image.chunks_exact(3).zip(&view.transmittance) {
+                for (background, v) in gradients.background.iter_mut().zip(pixel) {
+                    *background += f64::from(*v) * f64::from(*t);
+                }
+            }
+            let pose = self.view_backward(upload, view, camera, settings, pixels, &sums)?;
+            gradients.poses.push(pose);
+        }
+        let mut recording = self.recording();
+        let staged = sums.each_ref().map(|buffer| self.stage(&mut recording, buffer));
+        self.submit(recording)?;
+        let n = gradients.geometry.len();
+        gradients.geometry.copy_from_slice(&self.read::<f32>(&staged[0])?[..n]);
+        let n = gradients.sh.len();
+        gradients.sh.copy_from_slice(&self.read::<f32>(&staged[1])?[..n]);
+        Ok(())
+    }
+
+    fn view_backward(
+        &mut self,
+        upload: &Upload,
+        view: &ViewTape,
+        camera: &Camera,
+        settings: &RenderSettings,
+        pixels: &PixelGradients,
+        [grad_geometry, grad_sh]: &[Pooled; 2],
+    ) -> Result<PoseGradient> {
+        let features = upload.features(settings.antialias, settings.depth);
+        let uniform = self.pool.uniform(&view.frame);
+        let pixel_grads = self.pool.storage(&pixel_gradients(view, pixels));
+        let pair_grads =
+            self.pool.take(Use::Storage, u64::from(view.n_pairs) * (PAIR_GRADS * size_of::<f32>()) as u64);
+        let groups = upload.n.div_ceil(WORKGROUP);
+        let pose_sums =
+            self.pool.take(Use::Storage, u64::from(groups) * (POSE_SUMS * size_of::<f32>()) as u64);
+        let mut recording = self.recording();
+        recording.encoder.clear_buffer(&pair_grads, 0, None);
+        recording.encoder.clear_buffer(&pose_sums, 0, None);
+        self.dispatch(
+            &mut recording,
+            &RASTERIZE_BACKWARD,
+            "rasterize_backward",
+            features,
+            view.frame.tiles,
+            &[
+                Some(&uniform),
+                Some(&view.splats),
+                Some(&view.pair_splats),
+                Some(&view.pair_index),
+                Some(&view.ranges),
+                Some(&view.ends),
+                Some(&pixel_grads),
+                Some(&pair_grads),
+            ],
+        );
+        self.dispatch(
+            &mut recording,
+            &PROJECT_BACKWARD,
+            "project_backward",
+            features,
+            folded(groups),
+            &[
+                Some(&uniform),
+                Some(&upload.geometry),
+                Some(&upload.sh),
+                Some(&view.order),
+                Some(&view.offsets),
+                Some(&pair_grads),
+                Some(grad_geometry),
+                Some(grad_sh),
+                Some(&pose_sums),
+            ],
+        );
+        let staged = self.stage(&mut recording, &pose_sums);
+        self.submit(recording)?;
+        let mut sums = [0.0; POSE_SUMS];
+        for group in self.read::<f32>(&staged)?.chunks_exact(POSE_SUMS) {
+            for (sum, value) in sums.iter_mut().zip(group) {
+                *sum += f64::from(*value);
+            }
+        }
+        Ok(pose(&sums, camera, upload.origin))
+    }
+}
+
+/// The pixel gradients in the layout of `rasterize_backward`, `[h, w, PIXEL_GRADS]`. With depth D = Σ w z / W, W = Σ w = 1 - T:
+/// by Σ w z v_D / W, by T v_D D / W; and by T what comes through alpha, -v_alpha.
+fn pixel_gradients(view: &ViewTape, pixels: &PixelGradients) -> Vec<f32> {
+    let mut grads = Vec::with_capacity(view.transmittance.len() * PIXEL_GRADS);
+    for (at, &transmittance) in view.transmittance.iter().enumerate() {
+        grads.extend_from_slice(&pixels.image[at * 3..at * 3 + 3]);
+        let mut by_transmittance = -pixels.alpha.as_ref().map_or(0.0, |alpha| alpha[at]);
+        let mut by_sum = 0.0;
+        if let (Some(grad), Some([depth, weight])) = (&pixels.depth, &view.depth) {
+            if weight[at] > 0.0 {
+                by_sum = grad[at] / weight[at];
+                by_transmittance += by_sum * depth[at];
+            }
+        }
+        grads.extend_from_slice(&[by_transmittance, by_sum, transmittance]);
+    }
+    grads
+}
+
+/// The pose gradient from its sums over Gaussians: by R with means relative to the origin (9), by the position in camera axes
+/// (3), by the camera centre -Rᵀ t through colours (3).
+fn pose(sums: &[f64; POSE_SUMS], camera: &Camera, origin: DVec3) -> PoseGradient {
+    let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
+    let (by_position, by_centre) = (vector(9), vector(12));
+    let relative = DMat3::from_cols(vector(0), vector(3), vector(6)).transpose();
+    let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
+    PoseGradient {
+        rotation: relative + outer(by_position, origin) - outer(camera.translation(), by_centre),
+        translation: by_position - camera.rotation() * by_centre,
+    }
+}

@@ -1,0 +1,113 @@
+//! Buffers that go back to where they came from, to serve the next frame.
+
+use std::ops::Deref;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What a buffer is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Use {
+    /// Read and written by passes, filled and read by copies.
+    Storage,
+    /// A few numbers for a pass.
+    Uniform,
+    /// Copied to, and read by the CPU.
+    Readback,
+}
+
+/// A set of free buffers; clones share it.
+#[derive(Debug, Clone)]
+pub(super) struct Pool {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    /// Whether buffers are filled with NaN before use, so that nobody relies on what is in them.
+    poison: bool,
+    free: Arc<Mutex<Vec<(Use, wgpu::Buffer)>>>,
+}
+
+/// A buffer on loan from a pool.
+#[derive(Debug)]
+pub(super) struct Pooled {
+    usage: Use,
+    /// Bytes asked for; the buffer may be larger.
+    bytes: u64,
+    buffer: wgpu::Buffer,
+    home: Arc<Mutex<Vec<(Use, wgpu::Buffer)>>>,
+}
+
+impl Pool {
+    pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue, poison: bool) -> Self {
+        Self { device: device.clone(), queue: queue.clone(), poison, free: Arc::default() }
+    }
+
+    /// A buffer of at least `bytes` bytes (and at least 4, a multiple of 4) with anything in it.
+    pub(super) fn take(&self, usage: Use, bytes: u64) -> Pooled {
+        let bytes = bytes.max(4).next_multiple_of(4);
+        // Sizes in steps of an eighth, so that a frame that needs a little more finds room.
+        let step = (bytes.next_power_of_two() / 8).max(256);
+        let size = bytes.next_multiple_of(step).min(self.device.limits().max_buffer_size).max(bytes);
+        let mut free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
+        let fits = |(other, buffer): &(Use, wgpu::Buffer)| {
+            *other == usage && (size..=2 * size).contains(&buffer.size())
+        };
+        let buffer = match free.iter().position(fits) {
+            Some(place) => free.swap_remove(place).1,
+            None => self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: None,
+                size,
+                usage: match usage {
+                    Use::Storage => {
+                        wgpu::BufferUsages::STORAGE
+                            | wgpu::BufferUsages::COPY_SRC
+                            | wgpu::BufferUsages::COPY_DST
+                    }
+                    Use::Uniform => wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                    Use::Readback => wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                },
+                mapped_at_creation: false,
+            }),
+        };
+        drop(free);
+        if self.poison && usage == Use::Storage {
+            self.queue.write_buffer(&buffer, 0, &vec![0xff; buffer.size() as usize]);
+        }
+        Pooled { usage, bytes, buffer, home: Arc::clone(&self.free) }
+    }
+
+    /// A storage buffer with `data` in it.
+    pub(super) fn storage<T: bytemuck::Pod>(&self, data: &[T]) -> Pooled {
+        let buffer = self.take(Use::Storage, size_of_val(data) as u64);
+        if !data.is_empty() {
+            self.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(data));
+        }
+        buffer
+    }
+
+    /// A uniform buffer with `data` in it.
+    pub(super) fn uniform<T: bytemuck::Pod>(&self, data: &T) -> Pooled {
+        let buffer = self.take(Use::Uniform, size_of::<T>() as u64);
+        self.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(data));
+        buffer
+    }
+}
+
+impl Pooled {
+    /// Bytes asked for.
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+impl Deref for Pooled {
+    type Target = wgpu::Buffer;
+
+    fn deref(&self) -> &wgpu::Buffer {
+        &self.buffer
+    }
+}
+
+impl Drop for Pooled {
+    fn drop(&mut self) {
+        let mut free = self.home.lock().unwrap_or_else(PoisonError::into_inner);
+        free.push((self.usage, self.buffer.clone()));
+    }
+}
