@@ -34,15 +34,15 @@ pub enum ShAxes {
 }
 
 impl ShAxes {
-    /// A direction of the world in these axes.
-    pub(crate) fn from_world(self, d: DVec3) -> DVec3 {
+    /// The coordinates of a direction of the world along these axes.
+    pub(crate) fn coordinates(self, d: DVec3) -> DVec3 {
         match self {
             Self::Standard => d,
             Self::E3nn => DVec3::new(d.z, d.x, d.y),
         }
     }
 
-    /// The inverse of [`ShAxes::from_world`].
+    /// The inverse of [`ShAxes::coordinates`].
     pub(crate) fn to_world(self, d: DVec3) -> DVec3 {
         match self {
             Self::Standard => d,

@@ -27,8 +27,9 @@ pub const REFERENCE_GRADIENT_ABSOLUTE: f64 = 1e-12;
 pub const REFERENCE_LOSS: f64 = 1e-12;
 
 /// Gradients of gs-reference against central differences (extrapolated from two steps), relative to the largest of a
-/// group of columns: the fourth power of a step of 1e-3, and the rounding of the loss over a step of 3e-5.
-pub const CENTRAL_DIFFERENCE: f64 = 1e-7;
+/// group of columns: steps of 5e-4 leave 1e-12 after extrapolation; the rounding of a loss of about 10, 1e-15, is divided
+/// by steps of 3e-5 (a pose must remain a rotation) and by gradients of 0.1.
+pub const CENTRAL_DIFFERENCE: f64 = 1e-8;
 
 /// Factor on the deviation that plain f32 has on the same case: room for another order of the same operations.
 pub const F32_FACTOR: f64 = 10.0;
@@ -47,9 +48,13 @@ pub const F32_ABSOLUTE: f64 = 5e-7;
 /// Gradients with a largest value below this have the deviation of plain f32 given relative to this instead.
 pub const F32_GRADIENT_LEAST: f64 = 1e-6;
 
-/// An f32 renderer on gradients that are 0 because terms cancel, relative to those terms: four roundings of 6e-8 in each,
-/// of which a quaternion's gradient adds four, doubled.
+/// An f32 renderer on gradients that are 0 by symmetry, relative to the terms that cancel in them: a quaternion's sums
+/// eight terms that were rounded by 6e-8 four times each.
 pub const F32_CANCELLING: f64 = 2e-6;
+
+/// Golden gradients smaller than this, relative to the terms that cancel in them, are 0 by symmetry: what rounding in f64
+/// leaves of it.
+pub const CANCELLED: f64 = 1e-12;
 
 /// Distance of a decision from its threshold, relative, below which f32 may decide otherwise.
 pub const AMBIGUOUS: f64 = 5e-4;
@@ -67,11 +72,12 @@ pub fn f32_bound(deviation: &Deviation, floor: Option<f64>) -> f64 {
 /// Bound on the largest deviation of an f32 renderer from a golden gradient.
 #[must_use]
 pub fn f32_gradient_bound(deviation: &Deviation, golden: &GoldenGradient) -> f64 {
-    let bound = match golden.f32_floor {
-        Some(floor) => (F32_FACTOR * floor).max(F32_LEAST) * deviation.largest.max(F32_GRADIENT_LEAST),
-        None => F32_WITHOUT_FLOOR * deviation.largest,
-    };
-    bound.max(F32_CANCELLING * golden.cancelling)
+    let largest = deviation.largest;
+    match golden.f32_floor {
+        _ if largest < CANCELLED * golden.cancelling => F32_CANCELLING * golden.cancelling,
+        Some(floor) => (F32_FACTOR * floor).max(F32_LEAST) * largest.max(F32_GRADIENT_LEAST),
+        None => F32_WITHOUT_FLOOR * largest,
+    }
 }
 
 /// Bound on the largest deviation of gs-reference from a golden gradient.
@@ -84,4 +90,29 @@ pub fn reference_gradient_bound(deviation: &Deviation) -> f64 {
 #[must_use]
 pub fn reference_bound(deviation: &Deviation) -> f64 {
     REFERENCE_IMAGE * deviation.largest.max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Variable;
+
+    #[test]
+    fn gradient_bounds_follow_the_floor_of_plain_f32() {
+        let bound = |largest: f64, f32_floor: Option<f64>, cancelling: f64| {
+            let deviation = Deviation { max_abs: 0.0, worst: 0, largest, relative_l2: 0.0, cosine: 1.0 };
+            let golden =
+                GoldenGradient { variable: Variable::Quaternions, values: vec![], f32_floor, cancelling };
+            f32_gradient_bound(&deviation, &golden)
+        };
+        assert_eq!(bound(8.0, Some(1e-3), 0.0), 10.0 * 1e-3 * 8.0);
+        assert_eq!(bound(8.0, Some(1e-7), 0.0), F32_LEAST * 8.0);
+        assert_eq!(bound(8.0, None, 0.0), F32_WITHOUT_FLOOR * 8.0);
+        assert_eq!(bound(8.0, None, 0.5), F32_WITHOUT_FLOOR * 8.0);
+        assert_eq!(bound(1e-9, Some(1e-2), 0.0), 10.0 * 1e-2 * F32_GRADIENT_LEAST);
+        // By symmetry 0.
+        assert_eq!(bound(1e-17, Some(1e-2), 0.5), F32_CANCELLING * 0.5);
+        assert_eq!(bound(1e-17, None, 0.5), F32_CANCELLING * 0.5);
+        assert_eq!(bound(0.0, None, 0.0), 0.0);
+    }
 }

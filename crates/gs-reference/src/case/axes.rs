@@ -8,6 +8,7 @@ impl Case {
     /// (x, y, z) are the old (z, x, y), if the case has other axes. Turned quaternions are rounded to f32, so the
     /// f64 reference is to be judged on the case as it was read.
     #[must_use]
+    #[expect(clippy::missing_panics_doc, reason = "the order of its axes does not make a camera invalid")]
     pub fn in_standard_axes(mut self) -> Self {
         if self.profile.sh_axes == ShAxes::Standard {
             return self;

@@ -28,8 +28,8 @@ pub struct Projected {
 
 /// Gaussian `index` of a scene as a camera sees it: EWA splatting (Zwicker et al. 2001) with the Jacobian evaluated
 /// at a direction clamped to the image and 15 % of its size around it. `None` if it is not between near and far, if a
-/// stored value is not finite, if its quaternion is zero, or if a scale
-/// or the footprint overflows.
+/// stored value is not finite, if its quaternion is zero, if it is at the camera's centre, or if a scale or the footprint
+/// overflows.
 #[must_use]
 pub fn project(gaussians: &Gaussians, index: usize, camera: &Camera, profile: &Profile) -> Option<Projected> {
     Projection::new(gaussians, index, camera, profile).map(|projection| projection.projected)
@@ -131,7 +131,7 @@ impl Projection {
         let sight = mean - camera.position();
         let distance = sight.length();
         let direction = sight / distance;
-        let y = basis(profile.sh_axes.from_world(direction));
+        let y = basis(profile.sh_axes.coordinates(direction));
         let channels = [0, 1, 2].map(|c| 0.5 + (0..k).map(|i| y[i] * sh[i * 3 + c]).sum::<f64>());
         let projected = Projected {
             index,

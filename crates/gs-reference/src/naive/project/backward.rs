@@ -108,7 +108,7 @@ impl Projection {
     /// By the SH coefficients, and by the line of sight. A channel that the clamp holds at 0 takes no part.
     fn by_colour(&self, by_rgb: [f64; 3], profile: &Profile) -> (Vec<f64>, DVec3) {
         let by_channels = [0, 1, 2].map(|c| if self.channels[c] >= 0.0 { by_rgb[c] } else { 0.0 });
-        let in_axes = profile.sh_axes.from_world(self.direction);
+        let in_axes = profile.sh_axes.coordinates(self.direction);
         let (mut by_sh, mut by_axes) = (Vec::with_capacity(self.sh.len()), DVec3::ZERO);
         let basis = basis(in_axes).into_iter().zip(basis_gradients(in_axes));
         for ((y, by_direction), coefficients) in basis.zip(self.sh.chunks_exact(3)) {
