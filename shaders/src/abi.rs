@@ -115,3 +115,8 @@ pub const N_PAIRS: u32 = 2;
 pub const NOWHERE: u32 = u32::MAX;
 /// Depth key of a Gaussian that is not visible.
 pub const CULLED: u32 = u32::MAX;
+
+/// Longest standard deviation of a footprint, pixels.
+pub const SIGMA_MAX: f32 = 1e9;
+/// What is added to the level of the ellipse that bounds a footprint, in units of log₂ of alpha.
+pub const LEVEL_SLACK: f32 = 1e-3;

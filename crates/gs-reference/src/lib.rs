@@ -7,6 +7,21 @@ mod naive;
 mod profile;
 pub mod tolerance;
 
+// One twin per shader pass, in the order in which a view goes through them, and what they share.
+mod alpha;
+pub mod bin;
+mod ewa;
+pub mod frame;
+mod grid;
+pub mod project;
+pub mod project_backward;
+pub mod rasterize_backward;
+pub mod rasterize_forward;
+pub mod scan;
+mod sh;
+pub mod sort;
+pub mod tile_ranges;
+
 pub use case::{Case, Expected, GoldenGradient, Loss};
 pub use compare::{Deviation, Mismatch, compare, compare_exactly};
 pub use error::{Error, Result};

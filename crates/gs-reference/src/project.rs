@@ -1,0 +1,111 @@
+//! Twin of the pass `project`: a Gaussian to its footprint in the image.
+
+use crate::ewa::{activated, footprint_of, seen_at, vector};
+use crate::grid::ellipse_of;
+use crate::sh::{sh_at, sh_basis};
+use glam::DVec3;
+use gs_shaders::{CULLED, Features, Frame, GEOMETRY, N_COUNTERS, REJECTED, Splat, VISIBLE};
+
+/// What the pass writes for N Gaussians.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Footprints {
+    /// `[N]`; zeros where the Gaussian is not visible.
+    pub splats: Vec<Splat>,
+    /// `[N]` bits of the z-depth, `CULLED` where the Gaussian is not visible.
+    pub depth_keys: Vec<u32>,
+    /// `[N]` own index.
+    pub order: Vec<u32>,
+    /// `VISIBLE` and `REJECTED`; the others are 0.
+    pub counters: [u32; N_COUNTERS],
+}
+
+/// Projects `geometry` `[N, 11]` and `sh` `[N, (SH_DEGREE + 1)², 3]`, means relative to the frame's origin. Computed in f64 and
+/// rounded once; what does not fit f32 is rejected.
+#[must_use]
+pub fn project(frame: &Frame, geometry: &[f32], sh: &[f32], features: Features) -> Footprints {
+    let n = frame.n_gaussians as usize;
+    let mut out = Footprints {
+        splats: vec![Splat::default(); n],
+        depth_keys: vec![CULLED; n],
+        order: (0..frame.n_gaussians).collect(),
+        counters: [0; N_COUNTERS],
+    };
+    for index in 0..n {
+        match splat_of(frame, geometry, sh, index, features) {
+            Fate::Visible(splat) => {
+                out.splats[index] = splat;
+                out.depth_keys[index] = splat.depth.to_bits();
+                out.counters[VISIBLE as usize] += 1;
+            }
+            Fate::Unseen => {}
+            Fate::Rejected => out.counters[REJECTED as usize] += 1,
+        }
+    }
+    out
+}
+
+enum Fate {
+    Visible(Splat),
+    /// Not between near and far, too faint, or beside the image.
+    Unseen,
+    /// Something is not finite.
+    Rejected,
+}
+
+fn splat_of(frame: &Frame, geometry: &[f32], sh: &[f32], index: usize, features: Features) -> Fate {
+    if !geometry[index * GEOMETRY..][..GEOMETRY].iter().all(|value| value.is_finite()) {
+        return Fate::Rejected;
+    }
+    let gaussian = activated(geometry, index);
+    let seen = seen_at(frame, gaussian.mean);
+    let depth = seen.p.z as f32;
+    if !(depth > frame.near && depth < frame.far) {
+        return Fate::Unseen;
+    }
+    if !gaussian.valid {
+        return Fate::Rejected;
+    }
+    let footprint = footprint_of(frame, &gaussian, &seen, features);
+    if footprint.opacity < f64::from(frame.alpha_min) {
+        return Fate::Unseen;
+    }
+    let direction = (gaussian.mean - vector(frame.position)).normalize();
+    let coefficients = sh_at(sh, index, features);
+    let colour: DVec3 =
+        coefficients.iter().zip(sh_basis(direction)).map(|(&c, y)| c * y).sum::<DVec3>() + 0.5;
+    let splat = Splat {
+        mean: footprint.mean.as_vec2().to_array(),
+        falloff: footprint.falloff.as_vec2().to_array(),
+        shear: footprint.shear as f32,
+        log2_opacity: footprint.opacity.log2() as f32,
+        rgb: colour.max(DVec3::ZERO).as_vec3().to_array(),
+        depth,
+    };
+    let ellipse = ellipse_of(&splat, f64::from(frame.alpha_min).log2());
+    let shape = [
+        splat.mean[0],
+        splat.mean[1],
+        splat.falloff[0],
+        splat.falloff[1],
+        splat.shear,
+        splat.log2_opacity,
+        ellipse.extent[0] as f32,
+        ellipse.extent[1] as f32,
+    ];
+    if !(shape.iter().all(|number| number.is_finite()) && splat.falloff.iter().all(|&falloff| falloff < 0.0))
+    {
+        return Fate::Rejected;
+    }
+    let touches = (0..2).all(|axis| {
+        let (mean, extent) = (ellipse.mean[axis], ellipse.extent[axis]);
+        mean + extent >= 0.5 && mean - extent <= f64::from(frame.size[axis]) - 0.5
+    });
+    if !touches {
+        return Fate::Unseen;
+    }
+    // On the sum itself: the maximum with 0 would hide a NaN.
+    if !colour.as_vec3().is_finite() {
+        return Fate::Rejected;
+    }
+    Fate::Visible(splat)
+}
