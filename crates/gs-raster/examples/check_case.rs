@@ -1,11 +1,14 @@
-//! Checks a renderer on golden cases in the layout of `fixtures/gs-raster`:
-//! `cargo run --release -p gs-raster --example check_case -- [--device cpu|reference] FILE…`.
-//! Exits with 1 outside tolerance, with 2 for bad arguments and files that are no golden cases.
+//! Checks a renderer on golden cases in the layout of `fixtures/gs-raster`, outputs and gradients:
+//! `cargo run --release -p gs-raster --example check_case -- [--device cpu|gpu|reference] FILE…`.
+//! Exits with 1 outside tolerance, with 2 for bad arguments or files.
 
 #[path = "../tests/it/check.rs"]
 mod check;
 
+use check::Row;
+use gs_raster::{Device, Rasterizer};
 use gs_reference::Case;
+use std::error::Error;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -19,46 +22,69 @@ fn main() -> ExitCode {
             files.push(argument);
         }
     }
-    let judge = match device.as_str() {
-        "cpu" => check::check_cpu,
-        "reference" => check::check_reference,
-        other => {
-            eprintln!("device {other:?} is not known, expected cpu or reference");
-            return ExitCode::from(2);
-        }
-    };
     if files.is_empty() {
-        eprintln!("expected at least one file");
-        return ExitCode::from(2);
+        return refused("expected at least one file");
     }
+    let rasterizer = match device.as_str() {
+        "cpu" => Rasterizer::new(Device::Cpu).map(Some),
+        "gpu" => Rasterizer::new(Device::Gpu).map(Some),
+        "reference" => Ok(None),
+        other => return refused(&format!("device {other:?} is not known, expected cpu, gpu or reference")),
+    };
+    let mut rasterizer = match rasterizer {
+        Ok(rasterizer) => rasterizer,
+        Err(error) => return refused(&with_causes(&error)),
+    };
+    #[cfg(feature = "gpu")]
+    if let Some(adapter) = rasterizer.as_ref().and_then(Rasterizer::adapter) {
+        println!("{} ({}, {}, {})", adapter.name, adapter.kind, adapter.backend, adapter.driver);
+    }
+
     let mut outside = 0;
-    println!("{:<40} {:<6} {:>9} {:>9} {:>9}", "case", "output", "max error", "bound", "rel. L2");
+    println!(
+        "{:<24} {:<24} {:>9} {:>9} {:>9} {:>9} {:>12}",
+        "case", "output", "max error", "bound", "largest", "rel. L2", "cosine"
+    );
     for file in files {
         let case = match Case::read(file.as_ref()) {
             Ok(case) => case,
-            Err(error) => {
-                eprintln!("{error}");
-                let mut cause = std::error::Error::source(&error);
-                while let Some(error) = cause {
-                    eprintln!("  because: {error}");
-                    cause = error.source();
-                }
-                return ExitCode::from(2);
-            }
+            Err(error) => return refused(&with_causes(&error)),
         };
-        let name = file.rsplit('/').next().unwrap_or(&file);
-        for row in judge(&case) {
-            let (output, bound) = (row.output, row.bound);
-            let verdict = if row.holds() { "" } else { "OUTSIDE" };
+        let name = std::path::Path::new(&file).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let rows = match &mut rasterizer {
+            Some(rasterizer) => check::check_rasterizer(&case, rasterizer),
+            None => check::check_reference(&case),
+        };
+        for row in rows {
             outside += usize::from(!row.holds());
-            match row.deviation {
-                Ok(d) => {
-                    let (max, l2) = (d.max_abs, d.relative_l2);
-                    println!("{name:<40} {output:<6} {max:>9.1e} {bound:>9.1e} {l2:>9.1e} {verdict}");
-                }
-                Err(mismatch) => println!("{name:<40} {output:<6} {mismatch} {verdict}"),
-            }
+            print_row(&name, &row);
         }
     }
+    println!("{outside} outside tolerance");
     if outside == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+fn print_row(case: &str, row: &Row) {
+    let (output, bound, verdict) = (&row.output, row.bound, if row.holds() { "" } else { "OUTSIDE" });
+    match &row.deviation {
+        Ok(d) => println!(
+            "{case:<24} {output:<24} {:>9.1e} {bound:>9.1e} {:>9.1e} {:>9.1e} {:>12.9} {verdict}",
+            d.max_abs, d.largest, d.relative_l2, d.cosine
+        ),
+        Err(mismatch) => println!("{case:<24} {output:<24} {mismatch} {verdict}"),
+    }
+}
+
+fn with_causes(error: &dyn Error) -> String {
+    let (mut text, mut cause) = (error.to_string(), error.source());
+    while let Some(error) = cause {
+        text = format!("{text}: {error}");
+        cause = error.source();
+    }
+    text
+}
+
+fn refused(message: &str) -> ExitCode {
+    eprintln!("error: {message}");
+    ExitCode::from(2)
 }

@@ -1,12 +1,13 @@
-//! Renders golden cases and measures the deviation; shared with the example `check_case`.
+//! Renders golden cases, differentiates them and measures the deviation; shared with the example `check_case`.
 
-use gs_raster::{RenderSettings, render};
-use gs_reference::tolerance::{f32_bound, reference_bound};
-use gs_reference::{Case, Deviation, Mismatch, Profile, compare};
+use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings};
+use gs_reference::tolerance::{f32_bound, f32_gradient_bound, reference_bound, reference_gradient_bound};
+use gs_reference::{Case, Deviation, GoldenGradient, Loss, Mismatch, Profile, Variable, compare};
+use gs_scene::Camera;
 
-/// One output of a rendering beside the golden one.
+/// One output of a rendering, or one of its gradients, beside the golden one.
 pub(crate) struct Row {
-    pub(crate) output: &'static str,
+    pub(crate) output: String,
     pub(crate) deviation: Result<Deviation, Mismatch>,
     /// Largest deviation allowed.
     pub(crate) bound: f64,
@@ -34,32 +35,44 @@ pub(crate) fn settings(profile: &Profile, background: [f32; 3]) -> RenderSetting
     }
 }
 
-/// The f32 renderer on a case, outside the pixels in which f32 may take another decision than f64.
-pub(crate) fn check_cpu(case: &Case) -> Vec<Row> {
-    let case = case.clone().in_standard_axes();
-    let view = render(&case.gaussians, &case.camera, &settings(&case.profile, case.background))
-        .expect("the settings of a golden case are valid");
-    let floor = case.f32_image_floor;
-    let depth = view.depth.expect("asked for");
-    [
+/// The f32 renderer on a case: outputs outside the pixels in which f32 may take another decision than f64, and gradients by
+/// all that it differentiates by.
+pub(crate) fn check_rasterizer(case: &Case, rasterizer: &mut Rasterizer) -> Vec<Row> {
+    let case = &case.clone().in_standard_axes();
+    let settings = settings(&case.profile, case.background);
+    let (views, tape) =
+        rasterizer.record(&case.gaussians, &[case.camera], &settings).expect("a golden case can be rendered");
+    let (view, floor) = (&views[0], case.f32_image_floor);
+    let depth = view.depth.as_ref().expect("asked for");
+    let mut rows: Vec<Row> = [
         ("image", &case.expected.image, view.image.data(), floor),
         ("alpha", &case.expected.alpha, &view.alpha, None),
-        ("depth", &case.expected.depth, &depth, None),
+        ("depth", &case.expected.depth, depth, None),
     ]
     .into_iter()
     .map(|(output, expected, found, floor)| {
         let deviation = compare(expected.iter().copied(), found.iter().copied(), &case.ambiguous);
         let bound = deviation.as_ref().map_or(0.0, |deviation| f32_bound(deviation, floor));
-        Row { output, deviation, bound }
+        Row { output: output.to_owned(), deviation, bound }
     })
-    .collect()
+    .collect();
+
+    for loss in &case.losses {
+        let pixels = pixel_gradients(loss, &view.alpha, depth);
+        let found = rasterizer.backward(&case.gaussians, &tape, &[pixels]).expect("the sizes fit");
+        rows.extend(loss.gradients.iter().filter_map(|golden| {
+            let found = by(&found, golden.variable, &case.camera)?;
+            Some(gradient_row(loss, golden, found, f32_gradient_bound))
+        }));
+    }
+    rows
 }
 
-/// The f64 reference on a case, in every pixel.
+/// The f64 reference on a case, in every pixel and by every variable.
 pub(crate) fn check_reference(case: &Case) -> Vec<Row> {
     let background = case.background.map(f64::from);
     let found = gs_reference::render(&case.gaussians, &case.camera, background, &case.profile);
-    [
+    let mut rows: Vec<Row> = [
         ("image", &case.expected.image, found.image),
         ("alpha", &case.expected.alpha, found.alpha),
         ("depth", &case.expected.depth, found.depth),
@@ -68,7 +81,53 @@ pub(crate) fn check_reference(case: &Case) -> Vec<Row> {
     .map(|(output, expected, found)| {
         let deviation = compare(expected.iter().copied(), found, &[]);
         let bound = deviation.as_ref().map_or(0.0, reference_bound);
-        Row { output, deviation, bound }
+        Row { output: output.to_owned(), deviation, bound }
     })
-    .collect()
+    .collect();
+    for loss in &case.losses {
+        let found =
+            gs_reference::backward(&case.gaussians, &case.camera, background, &case.profile, &loss.weights);
+        rows.extend(loss.gradients.iter().map(|golden| {
+            gradient_row(loss, golden, found.by(golden.variable), |deviation, _| {
+                reference_gradient_bound(deviation)
+            })
+        }));
+    }
+    rows
+}
+
+/// The loss by what this renderer puts out. The golden loss on depth is on Σ w z, which is depth times alpha.
+fn pixel_gradients(loss: &Loss, alpha: &[f32], depth: &[f32]) -> PixelGradients {
+    let weights = &loss.weights;
+    let singles = |numbers: &[f64]| -> Vec<f32> { numbers.iter().map(|&v| v as f32).collect() };
+    let sums = weights.depth_sum.iter().zip(alpha).zip(depth);
+    let by_depth = sums.clone().map(|((&w, &alpha), _)| w as f32 * alpha).collect();
+    let by_alpha = sums.zip(&weights.alpha).map(|(((&w, _), &depth), &v)| w as f32 * depth + v as f32);
+    PixelGradients { image: singles(&weights.image), alpha: Some(by_alpha.collect()), depth: Some(by_depth) }
+}
+
+/// The derivatives by one variable, if this renderer takes them.
+fn by(gradients: &Gradients, variable: Variable, camera: &Camera) -> Option<Vec<f64>> {
+    let pose = gradients.poses[0];
+    match variable {
+        Variable::Sh => Some(gradients.sh.iter().map(|&v| f64::from(v)).collect()),
+        Variable::Background => Some(gradients.background.to_vec()),
+        Variable::WorldToCamera => {
+            let row = |r: usize| [pose.rotation.row(r).to_array().as_slice(), &[pose.translation[r]]].concat();
+            Some((0..3).flat_map(row).collect())
+        }
+        Variable::Twist => Some(pose.twist(camera).to_vec()),
+        _ => variable.of_geometry(&gradients.geometry),
+    }
+}
+
+fn gradient_row(
+    loss: &Loss,
+    golden: &GoldenGradient,
+    found: Vec<f64>,
+    bound: impl Fn(&Deviation, &GoldenGradient) -> f64,
+) -> Row {
+    let deviation = compare(golden.values.iter().copied(), found, &[]);
+    let bound = deviation.as_ref().map_or(0.0, |deviation| bound(deviation, golden));
+    Row { output: format!("{}_{}", loss.name, golden.variable.name()), deviation, bound }
 }
