@@ -2,7 +2,7 @@
 // One invocation: one Gaussian. Dispatch: n_gaussians / WORKGROUP, folded.
 // Bindings:
 //   0 frame       uniform      Frame
-//   1 geometry    read         [n, 11] stored columns, means relative to the origin of the upload
+//   1 geometry    read         [n, 11] stored columns
 //   2 sh          read         [n, (SH_DEGREE + 1)², 3]
 //   3 splats      read_write   [n] Splat; untouched where the Gaussian is not visible
 //   4 depth_keys  read_write   [n] bits of the z-depth, CULLED where the Gaussian is not visible
@@ -58,7 +58,7 @@ fn project(
     if footprint.opacity < frame.alpha_min {
         return;
     }
-    let offset = gaussian.mean - frame.position;
+    let offset = from_camera(gaussian.mean);
     let direction = offset / long_length(offset);
     let basis = sh_basis(direction);
     var colour = vec3f(0.5);
@@ -67,14 +67,17 @@ fn project(
         colour += basis[k] * vec3f(sh[at], sh[at + 1u], sh[at + 2u]);
     }
     let splat = Splat(
-        footprint.mean,
+        vec2f(footprint.x.x, footprint.y.x),
+        vec2f(footprint.x.y, footprint.y.y),
         footprint.falloff,
-        footprint.shear,
+        footprint.shear.x,
+        footprint.shear.y,
         log2(footprint.opacity),
         max(colour.r, 0.0),
         max(colour.g, 0.0),
         max(colour.b, 0.0),
         seen.p.z,
+        0.0,
     );
     let ellipse = ellipse_of(splat, log2(frame.alpha_min));
     if !(is_finite(splat.mean.x) && is_finite(splat.mean.y) && is_finite(splat.falloff.x) && is_finite(splat.falloff.y)

@@ -2,15 +2,15 @@
 // One invocation: one Gaussian, in the order of depth. Dispatch: n_gaussians / WORKGROUP, folded.
 // Bindings:
 //   0 frame          uniform      Frame
-//   1 geometry       read         [n, 11] stored columns, means relative to the origin of the upload
+//   1 geometry       read         [n, 11] stored columns
 //   2 sh             read         [n, (SH_DEGREE + 1)², 3]
 //   3 order          read         [n] indices of Gaussians, the visible ones first, near to far
 //   4 offsets        read         [n + 1] place of the first pair of each
 //   5 pair_grads     read         [pairs, 10] as rasterize_backward writes them
 //   6 grad_geometry  read_write   [n, 11] added to
 //   7 grad_sh        read_write   [n, (SH_DEGREE + 1)², 3] added to
-//   8 pose_sums      read_write   [workgroups, 15] by R with means relative to the origin (9), by the position in camera axes
-//                                 (3), by the camera centre through colours (3)
+//   8 pose_sums      read_write   [workgroups, 15] by R (9) and t (3), the camera centre left out, by which
+//                                 colours depend on them (3)
 // Overrides: WORKGROUP SH_DEGREE ANTIALIAS
 // Twin: crates/gs-reference/src/project_backward.rs
 
@@ -96,10 +96,10 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     // The exponent is (A e² + g dy²) / 2 with e = dx - shear dy.
     let a = -2.0 * LN_2 * f.falloff.x;
     let g = -2.0 * LN_2 * f.falloff.y;
-    let h = f.shear;
+    let h = f.shear.x;
     let grad_mean = vec2f(-a * sums[1], a * h * sums[1] - g * sums[2]);
-    // By the rows of V; w is u without what of it lies along v, small where they cancel.
-    let w = f.u - h * f.v;
+    // By the rows of V.
+    let w = f.w;
     let aee = a * a * sums[3];
     let aey = g * a * sums[4];
     let gyy = g * g * sums[5];
@@ -110,7 +110,7 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     if ANTIALIAS {
         let ratio = f.det_sharp / f.det;
         if ratio > frame.compensation_min * frame.compensation_min {
-            let cross_uv = cross(f.u, f.v);
+            let cross_uv = cross(f.w, f.v);
             let by_sharp = grad_ln_opacity * (1.0 - ratio) / f.det_sharp;
             let by_filter = grad_ln_opacity * frame.eps2d / f.det;
             grad_u += by_sharp * cross(f.v, cross_uv) - by_filter * f.u;
@@ -123,8 +123,9 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     let grad_log_scale = select(grad_u * f.u + grad_v * f.v, vec3f(0.0), limited);
     let scaled_u = grad_u * f.scale;
     let scaled_v = grad_v * f.scale;
-    let grad_jacobian_u = gaussian.axes * scaled_u;
-    let grad_jacobian_v = gaussian.axes * scaled_v;
+    let axes = mat3x3f(gaussian.axes[0].high, gaussian.axes[1].high, gaussian.axes[2].high);
+    let grad_jacobian_u = axes * scaled_u;
+    let grad_jacobian_v = axes * scaled_v;
     let grad_axes = mat3x3f(
         f.jacobian_u * scaled_u.x + f.jacobian_v * scaled_v.x,
         f.jacobian_u * scaled_u.y + f.jacobian_v * scaled_v.y,
@@ -135,14 +136,14 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     let forward = frame.pose[2].xyz;
     let focal_z = frame.focal * inverse_z;
     let grad_clamped = -focal_z * vec2f(dot(forward, grad_jacobian_u), dot(forward, grad_jacobian_v));
-    let is_free = seen.slope == seen.clamped;
-    let grad_slope = grad_mean * frame.focal + select(vec2f(0.0), grad_clamped, is_free);
+    let slope = vec2f(seen.slope_x.x, seen.slope_y.x);
+    let grad_slope = grad_mean * frame.focal + select(vec2f(0.0), grad_clamped, seen.is_free);
     let grad_z = sums[9] - inverse_z
-        * (dot(grad_slope, seen.slope) + dot(grad_jacobian_u, f.jacobian_u) + dot(grad_jacobian_v, f.jacobian_v));
+        * (dot(grad_slope, slope) + dot(grad_jacobian_u, f.jacobian_u) + dot(grad_jacobian_v, f.jacobian_v));
     let grad_p = vec3f(grad_slope * inverse_z, grad_z);
 
     // Colour.
-    let offset = gaussian.mean - frame.position;
+    let offset = from_camera(gaussian.mean);
     let distance = long_length(offset);
     let direction = offset / distance;
     let basis = sh_basis(direction);
@@ -178,7 +179,7 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     let by_v = grad_jacobian_v * focal_z.y;
     pose.rotation[0] = all_defined(grad_p.x * gaussian.mean + by_u);
     pose.rotation[1] = all_defined(grad_p.y * gaussian.mean + by_v);
-    pose.rotation[2] = all_defined(grad_p.z * gaussian.mean - seen.clamped.x * by_u - seen.clamped.y * by_v);
+    pose.rotation[2] = all_defined(grad_p.z * gaussian.mean - seen.clamped_x.x * by_u - seen.clamped_y.x * by_v);
     pose.p = all_defined(grad_p);
     pose.centre = all_defined(-grad_direction);
     return pose;

@@ -74,7 +74,7 @@ fn rasterize_backward(
     let n_rounds = (n_pairs + belt - 1u) / belt;
     let log2_alpha_min = log2(frame.alpha_min);
 
-    var splat: Splat;
+    var splat: Local;
     var sums: Sums;
     var sorted = 0u;
     var owns = false;
@@ -88,12 +88,12 @@ fn rasterize_backward(
                 owns = from_end < n_pairs;
                 if owns {
                     sorted = end - 1u - from_end;
-                    splat = splats[pair_splats[pair_index[sorted]]];
+                    splat = local_to(splats[pair_splats[pair_index[sorted]]], vec2f(origin));
                     sums = Sums();
                 }
             }
             if owns && sorted < pixel_end[met] {
-                let centre = vec2f(origin + vec2u(met % TILE, met / TILE)) + vec2f(0.5);
+                let centre = vec2f(vec2u(met % TILE, met / TILE)) + vec2f(0.5);
                 let alpha = alpha_at(splat, centre, log2_alpha_min);
                 if alpha.drawn {
                     meet(splat, alpha, met, &sums);
@@ -107,13 +107,13 @@ fn rasterize_backward(
     }
 }
 
-fn meet(splat: Splat, alpha: Alpha, met: u32, sums: ptr<function, Sums>) {
+fn meet(splat: Local, alpha: Alpha, met: u32, sums: ptr<function, Sums>) {
     let rest = 1.0 - alpha.value;
     // Rounding must not let it grow beyond all light.
     let before = min(transmittance[met] / rest, 1.0);
     let weight = before * alpha.value;
     let grad = pixel_grad[met];
-    var value = dot(grad.xyz, vec3f(splat.red, splat.green, splat.blue));
+    var value = dot(grad.xyz, splat.rgb);
     (*sums).colour += weight * grad.xyz;
     if DEPTH {
         value += grad.w * splat.depth;

@@ -22,7 +22,7 @@ override DEPTH: bool;
 @group(0) @binding(5) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(6) var<storage, read_write> ends: array<u32>;
 
-var<workgroup> batch: array<Splat, TILE * TILE>;
+var<workgroup> batch: array<Local, TILE * TILE>;
 var<workgroup> tile_range: vec2u;
 var<workgroup> n_done: atomic<u32>;
 var<workgroup> all_done: bool;
@@ -57,7 +57,8 @@ fn composite(workgroup: vec3u, place: vec3u, local: u32) -> u32 {
     let range = workgroupUniformLoad(&tile_range);
     let pixel = workgroup.xy * TILE + place.xy;
     let inside = all(pixel < frame.size);
-    let centre = vec2f(pixel) + vec2f(0.5);
+    let origin = vec2f(workgroup.xy * TILE);
+    let centre = vec2f(place.xy) + vec2f(0.5);
     let log2_alpha_min = log2(frame.alpha_min);
 
     var colour = vec3f(0.0);
@@ -79,7 +80,7 @@ fn composite(workgroup: vec3u, place: vec3u, local: u32) -> u32 {
         }
         let size = min(range.y - start, TILE * TILE);
         if local < size {
-            batch[local] = splats[pair_splats[pair_index[start + local]]];
+            batch[local] = local_to(splats[pair_splats[pair_index[start + local]]], origin);
         }
         workgroupBarrier();
         for (var i = 0u; i < size && !done; i++) {
@@ -92,7 +93,7 @@ fn composite(workgroup: vec3u, place: vec3u, local: u32) -> u32 {
                     atomicAdd(&n_done, 1u);
                 } else {
                     let weight = transmittance * alpha.value;
-                    colour += weight * vec3f(splat.red, splat.green, splat.blue);
+                    colour += weight * splat.rgb;
                     if DEPTH {
                         sum_weight += weight;
                         sum_depth += weight * splat.depth;

@@ -28,7 +28,7 @@ struct Scan {
 
 var<workgroup> partial: array<u32, WORKGROUP>;
 
-fn add(a: u32, b: u32) -> u32 {
+fn saturating_add(a: u32, b: u32) -> u32 {
     return select(a + b, 0xffffffffu, a + b < a);
 }
 
@@ -41,7 +41,7 @@ fn scan_partial(local: u32) {
             before = partial[local - step];
         }
         workgroupBarrier();
-        partial[local] = add(partial[local], before);
+        partial[local] = saturating_add(partial[local], before);
     }
     workgroupBarrier();
 }
@@ -60,7 +60,7 @@ fn scan_reduce(
     for (var item = 0u; item < ITEMS; item++) {
         let index = (block * ITEMS + item) * WORKGROUP + local;
         if index < scan.n {
-            sum = add(sum, values[index]);
+            sum = saturating_add(sum, values[index]);
         }
     }
     partial[local] = sum;
@@ -86,9 +86,9 @@ fn scan_sums(@builtin(local_invocation_index) local: u32) {
             if local > 0u {
                 before = partial[local - 1u];
             }
-            sums[index] = add(carry, before);
+            sums[index] = saturating_add(carry, before);
         }
-        carry = add(carry, partial[WORKGROUP - 1u]);
+        carry = saturating_add(carry, partial[WORKGROUP - 1u]);
         workgroupBarrier();
     }
     if local == 0u && scan.total != NOWHERE {
@@ -120,9 +120,9 @@ fn scan_apply(
             before = partial[local - 1u];
         }
         if index < scan.n {
-            values[index] = add(carry, before);
+            values[index] = saturating_add(carry, before);
         }
-        carry = add(carry, partial[WORKGROUP - 1u]);
+        carry = saturating_add(carry, partial[WORKGROUP - 1u]);
         workgroupBarrier();
     }
 }

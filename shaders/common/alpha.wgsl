@@ -1,5 +1,16 @@
 // Opacity of a Gaussian in a pixel: the one place that decides what is drawn. Users bind `frame`.
 
+// A footprint seen from a tile, so that f32 keeps positions within it.
+struct Local {
+    // From the centre of the row in which the tile's top-left corner lies to that corner, and from the centre to it downwards.
+    offset: vec2f,
+    falloff: vec2f,
+    shear: f32,
+    log2_opacity: f32,
+    rgb: vec3f,
+    depth: f32,
+}
+
 struct Alpha {
     value: f32,
     drawn: bool,
@@ -9,12 +20,26 @@ struct Alpha {
     offset: vec2f,
 }
 
-fn alpha_at(splat: Splat, centre: vec2f, log2_alpha_min: f32) -> Alpha {
+fn local_to(splat: Splat, origin: vec2f) -> Local {
+    let dx = add(vec2f(origin.x, 0.0), -vec2f(splat.mean.x, splat.mean_low.x));
+    let dy = add(vec2f(origin.y, 0.0), -vec2f(splat.mean.y, splat.mean_low.y));
+    let lean = multiply(vec2f(splat.shear, splat.shear_low), dy);
+    return Local(
+        vec2f(add(dx, -lean).x, dy.x),
+        splat.falloff,
+        splat.shear,
+        splat.log2_opacity,
+        vec3f(splat.red, splat.green, splat.blue),
+        splat.depth,
+    );
+}
+
+// In the pixel whose centre lies at `place` from the tile's top-left corner.
+fn alpha_at(local: Local, place: vec2f, log2_alpha_min: f32) -> Alpha {
     var alpha: Alpha;
-    let d = centre - splat.mean;
-    alpha.offset = vec2f(d.x - splat.shear * d.y, d.y);
-    let falloff = splat.falloff * alpha.offset * alpha.offset;
-    let log2_alpha = splat.log2_opacity + falloff.x + falloff.y;
+    alpha.offset = local.offset + vec2f(place.x - local.shear * place.y, place.y);
+    let falloff = local.falloff * alpha.offset * alpha.offset;
+    let log2_alpha = local.log2_opacity + falloff.x + falloff.y;
     let unlimited = exp2(log2_alpha);
     alpha.drawn = log2_alpha >= log2_alpha_min;
     alpha.saturated = unlimited > frame.alpha_max;

@@ -1,14 +1,20 @@
 // What all passes of a view share; the Rust side is Frame in src/abi.rs.
 
 struct Frame {
-    // Rows of the world-to-camera matrix [R | t], the world's origin moved to that of the upload.
+    // Rows of the world-to-camera matrix [R | t]; of this and of what else has a low part, what f32 leaves over.
     pose: array<vec4f, 3>,
-    // Camera centre in the same world, scene units.
+    pose_low: array<vec4f, 3>,
+    // Camera centre, scene units.
     position: vec3f,
     n_gaussians: u32,
+    position_low: vec3f,
+    // Gaussians are drawn between these z-depths, scene units.
+    near: f32,
     // Pixels.
     focal: vec2f,
+    focal_low: vec2f,
     centre: vec2f,
+    centre_low: vec2f,
     // Least and largest x/z and y/z at which the projection is linearised.
     slope_min: vec2f,
     slope_max: vec2f,
@@ -16,8 +22,6 @@ struct Frame {
     size: vec2u,
     tiles: vec2u,
     background: vec3f,
-    // Gaussians are drawn between these z-depths, scene units.
-    near: f32,
     far: f32,
     // Variance of the low-pass filter, square pixels.
     eps2d: f32,
@@ -28,24 +32,27 @@ struct Frame {
     compensation_min: f32,
     // Pairs of Gaussian and tile for which there is room.
     pair_capacity: u32,
-    padding: u32,
+    padding: vec2u,
 }
 
 // The footprint of a Gaussian. In a pixel at (dx, dy) from the centre, with e = dx - shear dy,
 // log2 of alpha is log2_opacity + falloff.x e e + falloff.y dy dy. Terms of one sign: the conic's A dx² + 2 B dx dy + C dy²
 // would cancel for needles.
 struct Splat {
-    // Pixels.
+    // Pixels, and what f32 leaves over of it.
     mean: vec2f,
+    mean_low: vec2f,
     // 1 / square pixels.
     falloff: vec2f,
     shear: f32,
+    shear_low: f32,
     log2_opacity: f32,
     red: f32,
     green: f32,
     blue: f32,
     // z-depth of the centre, scene units.
     depth: f32,
+    padding: f32,
 }
 
 // Slots of the counters.

@@ -7,16 +7,26 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
 pub struct Frame {
-    /// Rows of the world-to-camera matrix [R | t], the world's origin moved to that of the upload.
+    /// Rows of the world-to-camera matrix [R | t].
     pub pose: [[f32; 4]; 3],
-    /// Camera centre in the same world, scene units.
+    /// What f32 leaves over of it.
+    pub pose_low: [[f32; 4]; 3],
+    /// Camera centre, scene units.
     pub position: [f32; 3],
     /// Gaussians in the scene.
     pub n_gaussians: u32,
+    /// What f32 leaves over of the camera centre.
+    pub position_low: [f32; 3],
+    /// Gaussians at this z-depth or nearer are not drawn, scene units.
+    pub near: f32,
     /// Focal lengths, pixels.
     pub focal: [f32; 2],
+    /// What f32 leaves over of them.
+    pub focal_low: [f32; 2],
     /// Principal point, pixels.
     pub centre: [f32; 2],
+    /// What f32 leaves over of it.
+    pub centre_low: [f32; 2],
     /// Least x/z and y/z at which the projection is linearised.
     pub slope_min: [f32; 2],
     /// Largest x/z and y/z at which the projection is linearised.
@@ -27,8 +37,6 @@ pub struct Frame {
     pub tiles: [u32; 2],
     /// Colour behind everything.
     pub background: [f32; 3],
-    /// Gaussians at this z-depth or nearer are not drawn, scene units.
-    pub near: f32,
     /// Gaussians at this z-depth or farther are not drawn, scene units.
     pub far: f32,
     /// Variance of the low-pass filter, square pixels.
@@ -44,7 +52,7 @@ pub struct Frame {
     /// Pairs of Gaussian and tile for which there is room.
     pub pair_capacity: u32,
     /// Nothing.
-    pub padding: u32,
+    pub padding: [u32; 2],
 }
 
 /// The footprint of a Gaussian. In a pixel at (dx, dy) from the centre, with e = dx - shear dy, log₂ of alpha is
@@ -54,16 +62,22 @@ pub struct Frame {
 pub struct Splat {
     /// Centre, pixels.
     pub mean: [f32; 2],
+    /// What f32 leaves over of it.
+    pub mean_low: [f32; 2],
     /// Factors of e² and dy², negative, 1 / square pixels.
     pub falloff: [f32; 2],
     /// dx of the middle of the ellipse's row at dy = 1.
     pub shear: f32,
+    /// What f32 leaves over of it.
+    pub shear_low: f32,
     /// log₂ of the opacity, compensated if asked for.
     pub log2_opacity: f32,
     /// Colour, not negative.
     pub rgb: [f32; 3],
     /// z-depth of the centre, scene units.
     pub depth: f32,
+    /// Nothing.
+    pub padding: f32,
 }
 
 /// Uniform of the pass `scan`.

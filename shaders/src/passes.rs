@@ -88,6 +88,7 @@ impl Pass {
 }
 
 const FRAME: &str = include_str!("../common/frame.wgsl");
+const TWO_FLOAT: &str = include_str!("../common/two_float.wgsl");
 const GRID: &str = include_str!("../common/grid.wgsl");
 const EWA: &str = include_str!("../common/ewa.wgsl");
 const SH: &str = include_str!("../common/sh.wgsl");
@@ -108,7 +109,7 @@ const fn read_write(name: &'static str) -> Binding {
 /// Gaussians to footprints.
 pub const PROJECT: Pass = Pass {
     name: "project",
-    files: &[include_str!("../project.wgsl"), FRAME, EWA, SH, GRID],
+    files: &[include_str!("../project.wgsl"), FRAME, TWO_FLOAT, EWA, SH, GRID],
     entry_points: &[EntryPoint { name: "project", bindings: &[0, 1, 2, 3, 4, 5, 6] }],
     bindings: &[
         uniform("frame"),
@@ -188,7 +189,7 @@ pub const TILE_RANGES: Pass = Pass {
 /// Compositing.
 pub const RASTERIZE_FORWARD: Pass = Pass {
     name: "rasterize_forward",
-    files: &[include_str!("../rasterize_forward.wgsl"), FRAME, ALPHA, GRID],
+    files: &[include_str!("../rasterize_forward.wgsl"), FRAME, TWO_FLOAT, ALPHA, GRID],
     entry_points: &[
         EntryPoint { name: "rasterize_forward", bindings: &[0, 1, 2, 3, 4, 5] },
         EntryPoint { name: "rasterize_forward_train", bindings: &[0, 1, 2, 3, 4, 5, 6] },
@@ -208,7 +209,7 @@ pub const RASTERIZE_FORWARD: Pass = Pass {
 /// Derivatives of compositing.
 pub const RASTERIZE_BACKWARD: Pass = Pass {
     name: "rasterize_backward",
-    files: &[include_str!("../rasterize_backward.wgsl"), FRAME, ALPHA, GRID],
+    files: &[include_str!("../rasterize_backward.wgsl"), FRAME, TWO_FLOAT, ALPHA, GRID],
     entry_points: &[EntryPoint { name: "rasterize_backward", bindings: &[0, 1, 2, 3, 4, 5, 6, 7] }],
     bindings: &[
         uniform("frame"),
@@ -226,7 +227,7 @@ pub const RASTERIZE_BACKWARD: Pass = Pass {
 /// Derivatives of the projection.
 pub const PROJECT_BACKWARD: Pass = Pass {
     name: "project_backward",
-    files: &[include_str!("../project_backward.wgsl"), FRAME, EWA, SH],
+    files: &[include_str!("../project_backward.wgsl"), FRAME, TWO_FLOAT, EWA, SH],
     entry_points: &[EntryPoint { name: "project_backward", bindings: &[0, 1, 2, 3, 4, 5, 6, 7, 8] }],
     bindings: &[
         uniform("frame"),
