@@ -1,5 +1,6 @@
 //! Opacity of a Gaussian in a pixel: what the passes `rasterize_forward` and `rasterize_backward` share.
 
+use crate::frame::join;
 use glam::DVec2;
 use gs_shaders::{Frame, Splat};
 
@@ -13,9 +14,9 @@ pub(crate) struct Alpha {
 }
 
 pub(crate) fn alpha_at(frame: &Frame, splat: &Splat, centre: DVec2) -> Alpha {
-    let dx = centre.x - f64::from(splat.mean[0]);
-    let dy = centre.y - f64::from(splat.mean[1]);
-    let e = dx - f64::from(splat.shear) * dy;
+    let offset = centre - DVec2::from(join(splat.mean, splat.mean_low));
+    let [shear] = join([splat.shear], [splat.shear_low]);
+    let (e, dy) = (offset.x - shear * offset.y, offset.y);
     let [across, along] = splat.falloff.map(f64::from);
     let log2_alpha = f64::from(splat.log2_opacity) + across * e * e + along * dy * dy;
     let unlimited = log2_alpha.exp2();

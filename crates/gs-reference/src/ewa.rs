@@ -1,5 +1,6 @@
 //! The projection of a Gaussian (EWA, Zwicker et al. 2001): what the passes `project` and `project_backward` share.
 
+use crate::frame::join;
 use glam::{DMat3, DVec2, DVec3};
 use gs_shaders::{Features, Frame, GEOMETRY, SIGMA_MAX};
 
@@ -51,14 +52,20 @@ pub(crate) fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from(v.map(f64::from))
 }
 
-fn plane(v: [f32; 2]) -> DVec2 {
-    DVec2::from(v.map(f64::from))
-}
-
 /// A row of the camera's rotation.
 pub(crate) fn rotation_row(frame: &Frame, row: usize) -> DVec3 {
-    let [x, y, z, _] = frame.pose[row];
-    vector([x, y, z])
+    let [x, y, z, _] = join(frame.pose[row], frame.pose_low[row]);
+    DVec3::new(x, y, z)
+}
+
+/// Focal lengths, pixels.
+pub(crate) fn focal_of(frame: &Frame) -> DVec2 {
+    DVec2::from(join(frame.focal, frame.focal_low))
+}
+
+/// From the camera to a position.
+pub(crate) fn from_camera(frame: &Frame, mean: DVec3) -> DVec3 {
+    mean - DVec3::from(join(frame.position, frame.position_low))
 }
 
 pub(crate) fn activated(geometry: &[f32], index: usize) -> Activated {
@@ -84,11 +91,12 @@ pub(crate) fn activated(geometry: &[f32], index: usize) -> Activated {
 }
 
 pub(crate) fn seen_at(frame: &Frame, mean: DVec3) -> Seen {
-    let p = [0, 1, 2].map(|row| rotation_row(frame, row).dot(mean) + f64::from(frame.pose[row][3]));
-    let p = DVec3::from(p);
+    let translation = [0, 1, 2].map(|row| join(frame.pose[row], frame.pose_low[row])[3]);
+    let p = DVec3::from([0, 1, 2].map(|row| rotation_row(frame, row).dot(mean) + translation[row]));
     let slope = p.truncate() / p.z;
+    let [least, largest] = [frame.slope_min, frame.slope_max].map(|slope| DVec2::from(slope.map(f64::from)));
     // Not clamp(), which refuses NaN: what is not finite is rejected later.
-    let clamped = slope.max(plane(frame.slope_min)).min(plane(frame.slope_max));
+    let clamped = slope.max(least).min(largest);
     Seen { p, slope, clamped }
 }
 
@@ -98,7 +106,7 @@ pub(crate) fn footprint_of(
     seen: &Seen,
     features: Features,
 ) -> Footprint {
-    let focal = plane(frame.focal);
+    let focal = focal_of(frame);
     let eps2d = f64::from(frame.eps2d);
     let forward = rotation_row(frame, 2);
     let jacobian_u = (rotation_row(frame, 0) - forward * seen.clamped.x) * (focal.x / seen.p.z);
@@ -114,7 +122,7 @@ pub(crate) fn footprint_of(
     let filtered_c = c + eps2d;
     let compensation = (det_sharp / det).sqrt().max(f64::from(frame.compensation_min));
     Footprint {
-        mean: focal * seen.slope + plane(frame.centre),
+        mean: focal * seen.slope + DVec2::from(join(frame.centre, frame.centre_low)),
         falloff: -0.5 * std::f64::consts::LOG2_E * DVec2::new(filtered_c / det, 1.0 / filtered_c),
         shear: b / filtered_c,
         opacity: sigmoid(gaussian.logit) * if features.antialias { compensation } else { 1.0 },

@@ -1,5 +1,6 @@
 //! Which tiles a footprint touches: what the passes `project` and `bin` share.
 
+use crate::frame::join;
 use gs_shaders::{Frame, LEVEL_SLACK, Splat, TILE};
 use std::ops::Range;
 
@@ -17,9 +18,9 @@ pub(crate) fn ellipse_of(splat: &Splat, log2_alpha_min: f64) -> Ellipse {
     let level = f64::from(splat.log2_opacity) - log2_alpha_min + f64::from(LEVEL_SLACK);
     let reach = |falloff: f32| (level / f64::from(-falloff)).max(0.0).sqrt();
     let (half_width, height) = (reach(splat.falloff[0]), reach(splat.falloff[1]));
-    let shear = f64::from(splat.shear);
+    let [shear] = join([splat.shear], [splat.shear_low]);
     Ellipse {
-        mean: splat.mean.map(f64::from),
+        mean: join(splat.mean, splat.mean_low),
         extent: [half_width.hypot(shear * height), height],
         shear,
         half_width,

@@ -10,6 +10,7 @@ pub mod tolerance;
 // One twin per shader pass, in the order in which a view goes through them, and what they share.
 mod alpha;
 pub mod bin;
+pub mod chain;
 mod ewa;
 pub mod frame;
 mod grid;

@@ -1,6 +1,7 @@
 //! Twin of the pass `project`: a Gaussian to its footprint in the image.
 
-use crate::ewa::{activated, footprint_of, seen_at, vector};
+use crate::ewa::{activated, footprint_of, from_camera, seen_at};
+use crate::frame::split;
 use crate::grid::ellipse_of;
 use crate::sh::{sh_at, sh_basis};
 use glam::DVec3;
@@ -19,8 +20,8 @@ pub struct Footprints {
     pub counters: [u32; N_COUNTERS],
 }
 
-/// Projects `geometry` `[N, 11]` and `sh` `[N, (SH_DEGREE + 1)², 3]`, means relative to the frame's origin. Computed in f64 and
-/// rounded once; what does not fit f32 is rejected.
+/// Projects `geometry` `[N, 11]` and `sh` `[N, (SH_DEGREE + 1)², 3]`. Computed in f64 and rounded once; what does
+/// not fit f32 is rejected.
 #[must_use]
 pub fn project(frame: &Frame, geometry: &[f32], sh: &[f32], features: Features) -> Footprints {
     let n = frame.n_gaussians as usize;
@@ -69,17 +70,22 @@ fn splat_of(frame: &Frame, geometry: &[f32], sh: &[f32], index: usize, features:
     if footprint.opacity < f64::from(frame.alpha_min) {
         return Fate::Unseen;
     }
-    let direction = (gaussian.mean - vector(frame.position)).normalize();
+    let direction = from_camera(frame, gaussian.mean).normalize();
     let coefficients = sh_at(sh, index, features);
     let colour: DVec3 =
         coefficients.iter().zip(sh_basis(direction)).map(|(&c, y)| c * y).sum::<DVec3>() + 0.5;
+    let (mean, mean_low) = split(footprint.mean.to_array());
+    let ([shear], [shear_low]) = split([footprint.shear]);
     let splat = Splat {
-        mean: footprint.mean.as_vec2().to_array(),
+        mean,
+        mean_low,
         falloff: footprint.falloff.as_vec2().to_array(),
-        shear: footprint.shear as f32,
+        shear,
+        shear_low,
         log2_opacity: footprint.opacity.log2() as f32,
         rgb: colour.max(DVec3::ZERO).as_vec3().to_array(),
         depth,
+        padding: 0.0,
     };
     let ellipse = ellipse_of(&splat, f64::from(frame.alpha_min).log2());
     let shape = [

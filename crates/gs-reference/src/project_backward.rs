@@ -1,6 +1,6 @@
 //! Twin of the pass `project_backward`: derivatives by what is stored of the Gaussians, and by the pose.
 
-use crate::ewa::{Footprint, activated, footprint_of, rotation_row, seen_at, sigmoid, vector};
+use crate::ewa::{Footprint, activated, focal_of, footprint_of, from_camera, rotation_row, seen_at, sigmoid};
 use crate::sh::{sh_at, sh_basis, sh_coefficients, sh_gradient};
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use gs_shaders::{Features, Frame, GEOMETRY, PAIR_GRADS, POSE_SUMS, WORKGROUP};
@@ -12,8 +12,7 @@ pub struct StoredGradients {
     pub geometry: Vec<f32>,
     /// By the SH coefficients, `[N, (SH_DEGREE + 1)², 3]`.
     pub sh: Vec<f32>,
-    /// `[workgroups, 15]` by R with means relative to the origin (9), by the position in camera axes (3), by the camera
-    /// centre through colours (3).
+    /// `[workgroups, 15]` by R (9) and t (3), the camera centre left out, by which colours depend on them (3).
     pub pose_sums: Vec<f32>,
 }
 
@@ -87,7 +86,7 @@ fn differentiate(
     let seen = seen_at(frame, gaussian.mean);
     let f = footprint_of(frame, &gaussian, &seen, features);
     let z = seen.p.z;
-    let focal = DVec2::from(frame.focal.map(f64::from));
+    let focal = focal_of(frame);
 
     // The exponent is dᵀ Q d / 2 with Q = Hᵀ diag(a, g) H, where H d = (e, dy).
     let [a, g] = [f.falloff.x, f.falloff.y].map(|falloff| -2.0 * std::f64::consts::LN_2 * falloff);
@@ -126,7 +125,7 @@ fn differentiate(
         - (grad_jacobian_u.dot(f.jacobian_u) + grad_jacobian_v.dot(f.jacobian_v)) / z;
     let grad_p = grad_xy.extend(grad_z);
 
-    let offset = gaussian.mean - vector(frame.position);
+    let offset = from_camera(frame, gaussian.mean);
     let (distance, direction) = (offset.length(), offset.normalize());
     let (coefficients, basis) = (sh_at(sh, index, features), sh_basis(direction));
     let colour: DVec3 = coefficients.iter().zip(basis).map(|(&c, y)| c * y).sum::<DVec3>() + 0.5;

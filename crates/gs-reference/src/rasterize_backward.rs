@@ -9,7 +9,6 @@ use gs_shaders::{Features, Frame, PAIR_GRADS, PIXEL_GRADS, Splat, TILE};
 /// derivative by the exponent -ln alpha the sums over the pixels of a tile of v, v e, v dy, v e e, v e dy, v dy dy; by colour
 /// (3); by depth. `pixel_grads` are `[h, w, 6]`: by colour (3), by transmittance, by Σ w z, then the transmittance itself.
 #[must_use]
-#[expect(clippy::too_many_arguments, reason = "the bindings of the pass, in their order")]
 pub fn rasterize_backward(
     frame: &Frame,
     splats: &[Splat],

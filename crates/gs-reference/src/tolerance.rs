@@ -31,6 +31,18 @@ pub const REFERENCE_LOSS: f64 = 1e-12;
 /// by steps of 3e-5 (a pose must remain a rotation) and by gradients of 0.1.
 pub const CENTRAL_DIFFERENCE: f64 = 1e-8;
 
+/// The chain of the twins against the naive renderer, pixels, relative to the largest value (at least 1 but for depths): the
+/// interfaces round to f32, a footprint's exponent of up to 8 by 5e-7.
+pub const TWIN_IMAGE: f64 = 2e-6;
+
+/// The chain of the twins against the naive renderer, gradients, relative to the largest value: the same rounding, divided by
+/// 1 - alpha, which comes down to 1e-2 (1e-3 in one golden case), where it stands behind a Gaussian.
+pub const TWIN_GRADIENT: f64 = 3e-5;
+
+/// The chain of the twins against the naive renderer, gradients that are small because pixels cancel, absolute: rounding of
+/// terms of about 1 by 6e-8.
+pub const TWIN_GRADIENT_ABSOLUTE: f64 = 1e-6;
+
 /// Factor on the deviation that plain f32 has on the same case: room for another order of the same operations.
 pub const F32_FACTOR: f64 = 10.0;
 
@@ -78,6 +90,12 @@ pub fn f32_gradient_bound(deviation: &Deviation, golden: &GoldenGradient) -> f64
         Some(floor) => (F32_FACTOR * floor).max(F32_LEAST) * largest.max(F32_GRADIENT_LEAST),
         None => F32_WITHOUT_FLOOR * largest,
     }
+}
+
+/// Bound on the largest deviation of the chain of the twins from the naive renderer in a gradient.
+#[must_use]
+pub fn twin_gradient_bound(deviation: &Deviation) -> f64 {
+    TWIN_GRADIENT * deviation.largest + TWIN_GRADIENT_ABSOLUTE
 }
 
 /// Bound on the largest deviation of gs-reference from a golden gradient.

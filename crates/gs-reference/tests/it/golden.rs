@@ -21,7 +21,7 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-fn cases() -> impl Iterator<Item = (String, Case)> {
+pub(crate) fn cases() -> impl Iterator<Item = (String, Case)> {
     files().into_iter().map(|file| {
         let name = file.file_stem().expect("a file").to_string_lossy().into_owned();
         (name, Case::read(&file).expect("a golden case"))

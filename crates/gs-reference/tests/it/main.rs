@@ -5,3 +5,4 @@ mod differences;
 mod files;
 mod golden;
 mod hostile;
+mod twins;

@@ -1,0 +1,156 @@
+//! The twins in the order in which a view goes through the passes, with every buffer on the way, and what the host does in
+//! between.
+
+use crate::bin::{Pairs, bin_count, bin_emit};
+use crate::frame::frame;
+use crate::project::{Footprints, project};
+use crate::project_backward::{StoredGradients, project_backward};
+use crate::rasterize_backward::rasterize_backward;
+use crate::rasterize_forward::{Pixels, rasterize_forward};
+use crate::scan::scan;
+use crate::sort::sort_scatter;
+use crate::tile_ranges::tile_ranges;
+use crate::{PixelGradients, Profile};
+use gs_scene::{Camera, Gaussians};
+use gs_shaders::{Features, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PIXEL_GRADS, SORT_DIGIT_BITS, Scan, Sort};
+
+/// What a view is rendered from, as the passes bind it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// The uniform.
+    pub frame: Frame,
+    /// `[N, 11]`.
+    pub geometry: Vec<f32>,
+    /// `[N, (SH_DEGREE + 1)², 3]`.
+    pub sh: Vec<f32>,
+    /// What is asked for.
+    pub features: Features,
+}
+
+impl View {
+    /// A scene before a camera.
+    #[must_use]
+    pub fn new(
+        gaussians: &Gaussians,
+        camera: &Camera,
+        background: [f32; 3],
+        profile: &Profile,
+        depth: bool,
+    ) -> Self {
+        Self {
+            frame: frame(camera, profile, background, gaussians.len()),
+            geometry: gaussians.geometry().to_vec(),
+            sh: gaussians.sh().to_vec(),
+            features: Features {
+                sh_degree: gaussians.sh_degree() as u32,
+                antialias: profile.antialias,
+                depth,
+            },
+        }
+    }
+}
+
+/// Every buffer of a rendering.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Forward {
+    /// As `project` writes them.
+    pub footprints: Footprints,
+    /// Indices of the Gaussians near to far, the visible ones first.
+    pub order: Vec<u32>,
+    /// Tiles of each in that order, `[N + 1]`.
+    pub counts: Vec<u32>,
+    /// Their prefix sums.
+    pub offsets: Vec<u32>,
+    /// With the number of pairs.
+    pub counters: [u32; N_COUNTERS],
+    /// As `bin_emit` writes them.
+    pub pairs: Pairs,
+    /// Tiles of the pairs, ascending.
+    pub sorted_tiles: Vec<u32>,
+    /// Places of the pairs in that order.
+    pub pair_index: Vec<u32>,
+    /// Of the tiles.
+    pub ranges: Vec<[u32; 2]>,
+    /// The picture.
+    pub pixels: Pixels,
+}
+
+/// Renders a view.
+#[must_use]
+pub fn forward(view: &View) -> Forward {
+    let frame = &view.frame;
+    let footprints = project(frame, &view.geometry, &view.sh, view.features);
+    let mut counters = footprints.counters;
+    let (_, order) = sort(&counters, &footprints.depth_keys, &footprints.order, u32::BITS);
+    let counts = bin_count(frame, &footprints.splats, &order, &counters);
+    let sums = Scan { n: counts.len() as u32, n_blocks: 0, total: N_PAIRS, padding: 0 };
+    let (offsets, n_pairs) = scan(&sums, &counts);
+    counters[N_PAIRS as usize] = n_pairs;
+    let pairs = bin_emit(frame, &footprints.splats, &order, &counters, &offsets);
+    let tile_bits = u32::BITS - (frame.tiles[0] * frame.tiles[1]).leading_zeros();
+    let (sorted_tiles, pair_index) = sort(&counters, &pairs.tiles, &pairs.index, tile_bits);
+    let ranges = tile_ranges(frame, &counters, &sorted_tiles);
+    let pixels =
+        rasterize_forward(frame, &footprints.splats, &pairs.splats, &pair_index, &ranges, view.features);
+    Forward { footprints, order, counts, offsets, counters, pairs, sorted_tiles, pair_index, ranges, pixels }
+}
+
+/// Sorts by the lowest `bits` of the keys, digit by digit.
+fn sort(counters: &[u32; N_COUNTERS], keys: &[u32], values: &[u32], bits: u32) -> (Vec<u32>, Vec<u32>) {
+    let mut sorted = (keys.to_vec(), values.to_vec());
+    for shift in (0..bits).step_by(SORT_DIGIT_BITS as usize) {
+        let step = Sort { n: keys.len() as u32, n_blocks: 0, count: NOWHERE, shift };
+        sorted = sort_scatter(&step, counters, &sorted.0, &sorted.1);
+    }
+    sorted
+}
+
+/// Every buffer of a differentiation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Backward {
+    /// `[h, w, 6]` as `rasterize_backward` reads them.
+    pub pixel_grads: Vec<f32>,
+    /// `[pairs, 10]` as it writes them.
+    pub pair_grads: Vec<f32>,
+    /// By what is stored.
+    pub stored: StoredGradients,
+}
+
+/// Differentiates a loss, given its derivatives by the pixels.
+///
+/// # Panics
+/// If the pixel gradients do not have the size of the picture.
+#[must_use]
+pub fn backward(view: &View, rendered: &Forward, pixels: &PixelGradients) -> Backward {
+    let frame = &view.frame;
+    let n_pixels = (frame.size[0] * frame.size[1]) as usize;
+    let lengths = [pixels.image.len(), pixels.alpha.len(), pixels.depth_sum.len()];
+    assert_eq!(lengths, [n_pixels * 3, n_pixels, n_pixels], "pixel gradients by image, alpha and depth_sum");
+    let mut pixel_grads = Vec::with_capacity(n_pixels * PIXEL_GRADS);
+    for i in 0..n_pixels {
+        pixel_grads.extend(pixels.image[3 * i..][..3].iter().map(|&by| by as f32));
+        // Alpha is 1 minus the transmittance.
+        pixel_grads.extend([-pixels.alpha[i] as f32, pixels.depth_sum[i] as f32]);
+        pixel_grads.push(rendered.pixels.pixels[4 * i + 3]);
+    }
+    let pair_grads = rasterize_backward(
+        frame,
+        &rendered.footprints.splats,
+        &rendered.pairs.splats,
+        &rendered.pair_index,
+        &rendered.ranges,
+        &rendered.pixels.ends,
+        &pixel_grads,
+        view.features,
+    );
+    let stored = project_backward(
+        frame,
+        &view.geometry,
+        &view.sh,
+        &rendered.order,
+        &rendered.offsets,
+        &pair_grads,
+        view.features,
+    );
+    Backward { pixel_grads, pair_grads, stored }
+}
