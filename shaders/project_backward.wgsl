@@ -9,8 +9,8 @@
 //   5 pair_grads     read         [pairs, 10] as rasterize_backward writes them
 //   6 grad_geometry  read_write   [n, 11] added to
 //   7 grad_sh        read_write   [n, (SH_DEGREE + 1)², 3] added to
-//   8 pose_sums      read_write   [workgroups, 15] by R (9) and t (3), the camera centre left out, by which
-//                                 colours depend on them (3)
+//   8 pose_sums      read_write   [workgroups, 15] by a turn and stretch D of the camera's axes, p <- D p (9),
+//                                 by t (3), and by the camera centre through colours (3)
 // Overrides: WORKGROUP SH_DEGREE ANTIALIAS
 // Twin: crates/gs-reference/src/project_backward.rs
 
@@ -31,7 +31,7 @@ const POSE_SUMS: u32 = 15;
 
 // What one Gaussian adds to the derivatives by the pose.
 struct Pose {
-    rotation: array<vec3f, 3>,
+    axes: array<vec3f, 3>,
     p: vec3f,
     centre: vec3f,
 }
@@ -66,7 +66,7 @@ fn project_backward(
     for (var i = 0u; i < POSE_SUMS; i++) {
         var value = 0.0;
         if i < 9u {
-            value = pose.rotation[i / 3u][i % 3u];
+            value = pose.axes[i / 3u][i % 3u];
         } else if i < 12u {
             value = pose.p[i - 9u];
         } else {
@@ -99,38 +99,46 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     let h = f.shear.x;
     let grad_mean = vec2f(-a * sums[1], a * h * sums[1] - g * sums[2]);
     // By the rows of V.
-    let w = f.w;
     let aee = a * a * sums[3];
     let aey = g * a * sums[4];
     let gyy = g * g * sums[5];
-    var grad_u = -aee * w - aey * f.v;
-    var grad_v = h * aee * w - aey * (w - h * f.v) - gyy * f.v;
+    var grad_u = -aee * f.w - aey * f.v;
+    var grad_v = h * aee * f.w - aey * (f.w - h * f.v) - gyy * f.v;
+    // P = Vᵀ (derivative by V) is symmetric, and P / (scaleᵢ scaleⱼ) stays finite however flat the Gaussian is: its diagonal is the
+    // derivative by the logarithms of the scales, the rest, (yz, xz, xy), that by a turn. By a turn of a ball it is exactly 0.
+    let w = f.unit_w;
+    let v = f.unit_v;
+    let square = f.scale * f.scale;
+    var diagonal = -square * (aee * w * w + 2.0 * aey * w * v + gyy * v * v);
+    var mixed = -(aee * w.yxx * w.zzy + aey * (w.yxx * v.zzy + w.zzy * v.yxx) + gyy * v.yxx * v.zzy);
 
     let grad_ln_opacity = -sums[0];
     if ANTIALIAS {
         let ratio = f.det_sharp / f.det;
         if ratio > frame.compensation_min * frame.compensation_min {
+            // Half the logarithm of det_sharp / det: of the one the derivative P is the projector onto the rows of V, of the other
+            // there remains the filter's share.
             let cross_uv = cross(f.w, f.v);
-            let by_sharp = grad_ln_opacity * (1.0 - ratio) / f.det_sharp;
+            let by_sharp = grad_ln_opacity * (1.0 - ratio);
             let by_filter = grad_ln_opacity * frame.eps2d / f.det;
-            grad_u += by_sharp * cross(f.v, cross_uv) - by_filter * f.u;
-            grad_v += by_sharp * cross(cross_uv, f.u) - by_filter * f.v;
+            grad_u += by_sharp / f.det_sharp * cross(f.v, cross_uv) - by_filter * f.u;
+            grad_v += by_sharp / f.det_sharp * cross(cross_uv, f.u) - by_filter * f.v;
+            let u = w + h * v;
+            let normal = cross_uv * inverseSqrt(f.det_sharp);
+            let unit_cross = cross(w, v);
+            diagonal += by_sharp * (vec3f(1.0) - normal * normal) - by_filter * square * (u * u + v * v);
+            mixed -= by_sharp / f.det_sharp * square * unit_cross.yxx * unit_cross.zzy
+                + by_filter * (u.yxx * u.zzy + v.yxx * v.zzy);
         }
     }
+    let limited = gaussian.scale > f.scale;
+    let grad_log_scale = select(diagonal, vec3f(0.0), limited);
+    let turn = mixed * (f.scale.yzx - f.scale.zxy) * (f.scale.yzx + f.scale.zxy);
 
     // Rows of V are (jacobian · axes) scale.
-    let limited = gaussian.scale > f.scale;
-    let grad_log_scale = select(grad_u * f.u + grad_v * f.v, vec3f(0.0), limited);
-    let scaled_u = grad_u * f.scale;
-    let scaled_v = grad_v * f.scale;
     let axes = mat3x3f(gaussian.axes[0].high, gaussian.axes[1].high, gaussian.axes[2].high);
-    let grad_jacobian_u = axes * scaled_u;
-    let grad_jacobian_v = axes * scaled_v;
-    let grad_axes = mat3x3f(
-        f.jacobian_u * scaled_u.x + f.jacobian_v * scaled_v.x,
-        f.jacobian_u * scaled_u.y + f.jacobian_v * scaled_v.y,
-        f.jacobian_u * scaled_u.z + f.jacobian_v * scaled_v.z,
-    );
+    let grad_jacobian_u = axes * (grad_u * f.scale);
+    let grad_jacobian_v = axes * (grad_v * f.scale);
 
     // Position in camera axes: through the centre, the depth, the slope at which the Jacobian stands, and its 1/z.
     let forward = frame.pose[2].xyz;
@@ -162,7 +170,8 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     grad_direction = (grad_direction - direction * dot(direction, grad_direction)) / distance;
 
     let grad_world = grad_p.x * frame.pose[0].xyz + grad_p.y * frame.pose[1].xyz + grad_p.z * forward + grad_direction;
-    let grad_quaternion = quaternion_gradient(gaussian.quaternion, grad_axes) / gaussian.norm;
+    let q = gaussian.quaternion;
+    let grad_quaternion = 2.0 / gaussian.norm * vec4f(-dot(q.yzw, turn), q.x * turn + cross(q.yzw, turn));
     let grad_logit = grad_ln_opacity * sigmoid(-gaussian.logit);
     let at = index * 11u;
     for (var i = 0u; i < 3u; i++) {
@@ -177,31 +186,18 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     var pose: Pose;
     let by_u = grad_jacobian_u * focal_z.x;
     let by_v = grad_jacobian_v * focal_z.y;
-    pose.rotation[0] = all_defined(grad_p.x * gaussian.mean + by_u);
-    pose.rotation[1] = all_defined(grad_p.y * gaussian.mean + by_v);
-    pose.rotation[2] = all_defined(grad_p.z * gaussian.mean - seen.clamped_x.x * by_u - seen.clamped_y.x * by_v);
+    // In camera axes, in which numbers are as large as the distance, not as the world.
+    pose.axes[0] = all_defined(grad_p.x * seen.p + in_camera_axes(by_u));
+    pose.axes[1] = all_defined(grad_p.y * seen.p + in_camera_axes(by_v));
+    pose.axes[2] = all_defined(
+        grad_p.z * seen.p - in_camera_axes(seen.clamped_x.x * by_u + seen.clamped_y.x * by_v));
     pose.p = all_defined(grad_p);
     pose.centre = all_defined(-grad_direction);
     return pose;
 }
 
-// By the stored quaternion of unit norm, which it is orthogonal to, given those by the axes (columns).
-fn quaternion_gradient(q: vec4f, grad: mat3x3f) -> vec4f {
-    let w = q.x;
-    let x = q.y;
-    let y = q.z;
-    let z = q.w;
-    // grad[column][row]
-    let free = 2.0 * vec4f(
-        x * (grad[1][2] - grad[2][1]) + y * (grad[2][0] - grad[0][2]) + z * (grad[0][1] - grad[1][0]),
-        y * (grad[1][0] + grad[0][1]) + z * (grad[2][0] + grad[0][2]) + w * (grad[1][2] - grad[2][1])
-            - 2.0 * x * (grad[1][1] + grad[2][2]),
-        x * (grad[1][0] + grad[0][1]) + z * (grad[2][1] + grad[1][2]) + w * (grad[2][0] - grad[0][2])
-            - 2.0 * y * (grad[0][0] + grad[2][2]),
-        x * (grad[2][0] + grad[0][2]) + y * (grad[2][1] + grad[1][2]) + w * (grad[0][1] - grad[1][0])
-            - 2.0 * z * (grad[0][0] + grad[1][1]),
-    );
-    return free - q * dot(q, free);
+fn in_camera_axes(v: vec3f) -> vec3f {
+    return vec3f(dot(frame.pose[0].xyz, v), dot(frame.pose[1].xyz, v), dot(frame.pose[2].xyz, v));
 }
 
 fn sh_at(index: u32, k: u32) -> vec3f {

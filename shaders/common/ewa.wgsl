@@ -52,7 +52,11 @@ struct Footprint {
     jacobian_v: vec3f,
     // Standard deviations after the limit of SIGMA_MAX.
     scale: vec3f,
-    // Rows of V in the covariance V Vᵀ + eps2d I, pixels, and u - shear v, which is small where they cancel.
+    // Rows of V in the covariance V Vᵀ + eps2d I, for unit scales, pixels / scene unit: row 1, and row 0 without shear times
+    // row 1, which is small where they cancel.
+    unit_v: vec3f,
+    unit_w: vec3f,
+    // The same for the Gaussian's scales, and row 0, pixels.
     u: vec3f,
     v: vec3f,
     w: vec3f,
@@ -96,10 +100,6 @@ fn activated(index: u32) -> Activated {
     return g;
 }
 
-fn two3(x: vec2f, y: vec2f, z: vec2f) -> Two3 {
-    return Two3(vec3f(x.x, y.x, z.x), vec3f(x.y, y.y, z.y));
-}
-
 // A row of the camera's rotation.
 fn rotation_row(row: u32) -> Two3 {
     return Two3(frame.pose[row].xyz, frame.pose_low[row].xyz);
@@ -134,23 +134,18 @@ fn footprint_of(gaussian: Activated, seen: Seen) -> Footprint {
     f.jacobian_u = jacobian_u.high;
     f.jacobian_v = jacobian_v.high;
     f.scale = min(gaussian.scale, vec3f(SIGMA_MAX * seen.p.z / max(frame.focal.x, frame.focal.y)));
-    var u: Two3;
-    var v: Two3;
-    for (var k = 0u; k < 3u; k++) {
-        let scale = vec2f(f.scale[k], 0.0);
-        let along_u = multiply(dot3(jacobian_u, gaussian.axes[k]), scale);
-        let along_v = multiply(dot3(jacobian_v, gaussian.axes[k]), scale);
-        u.high[k] = along_u.x;
-        u.low[k] = along_u.y;
-        v.high[k] = along_v.x;
-        v.low[k] = along_v.y;
-    }
-    f.u = u.high;
-    f.v = v.high;
+    let unit_u = along_axes(jacobian_u, gaussian);
+    let unit_v = along_axes(jacobian_v, gaussian);
+    let u = scaled_by(unit_u, f.scale);
+    let v = scaled_by(unit_v, f.scale);
     let b = dot3(u, v);
     let filtered_c = add(dot3(v, v), vec2f(frame.eps2d, 0.0));
     f.shear = divide(b, filtered_c);
-    f.w = add3(u, scale3(v, -f.shear)).high;
+    f.u = u.high;
+    f.v = v.high;
+    f.unit_v = unit_v.high;
+    f.unit_w = add3(unit_u, scale3(unit_v, -f.shear)).high;
+    f.w = f.unit_w * f.scale;
     // The determinant as a sum of positive terms (Cauchy-Binet): a c - b² would cancel for needles. For the cross product u
     // may be replaced by w, which is what of it does not lie along v.
     let cross_uv = cross(f.w, f.v);
@@ -164,6 +159,18 @@ fn footprint_of(gaussian: Activated, seen: Seen) -> Footprint {
         f.opacity *= max(sqrt(f.det_sharp / f.det), frame.compensation_min);
     }
     return f;
+}
+
+fn along_axes(row: Two3, gaussian: Activated) -> Two3 {
+    return two3(dot3(row, gaussian.axes[0]), dot3(row, gaussian.axes[1]), dot3(row, gaussian.axes[2]));
+}
+
+fn scaled_by(row: Two3, scale: vec3f) -> Two3 {
+    return two3(
+        multiply(entry(row, 0u), vec2f(scale.x, 0.0)),
+        multiply(entry(row, 1u), vec2f(scale.y, 0.0)),
+        multiply(entry(row, 2u), vec2f(scale.z, 0.0)),
+    );
 }
 
 // The logistic function; for large arguments of either sign 0 or 1.

@@ -32,7 +32,9 @@ struct Frame {
     compensation_min: f32,
     // Pairs of Gaussian and tile for which there is room.
     pair_capacity: u32,
-    padding: vec2u,
+    // 0, which no compiler can know.
+    zero: u32,
+    padding: u32,
 }
 
 // The footprint of a Gaussian. In a pixel at (dx, dy) from the centre, with e = dx - shear dy,

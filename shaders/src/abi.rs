@@ -51,8 +51,10 @@ pub struct Frame {
     pub compensation_min: f32,
     /// Pairs of Gaussian and tile for which there is room.
     pub pair_capacity: u32,
+    /// 0, which no shader compiler can know: it keeps roundings where they are.
+    pub zero: u32,
     /// Nothing.
-    pub padding: [u32; 2],
+    pub padding: u32,
 }
 
 /// The footprint of a Gaussian. In a pixel at (dx, dy) from the centre, with e = dx - shear dy, log₂ of alpha is

@@ -19,7 +19,6 @@ impl Gpu {
         pixels: &[PixelGradients],
         gradients: &mut Gradients,
     ) -> Result<()> {
-        let Some(upload) = &tape.upload else { return Ok(()) };
         // Zeroed by the upload, whatever was in the buffers before.
         let sums = [&gradients.geometry, &gradients.sh].map(|zeros| self.pool.storage(zeros));
         for ((view, camera), pixels) in tape.views.iter().zip(cameras).zip(pixels) {
@@ -28,7 +27,7 @@ impl Gpu {
                     *background += f64::from(*v) * f64::from(*t);
                 }
             }
-            let pose = self.view_backward(upload, view, camera, settings, pixels, &sums)?;
+            let pose = self.view_backward(&tape.upload, view, camera, settings, pixels, &sums)?;
             gradients.poses.push(pose);
         }
         let mut recording = self.recording();
@@ -104,7 +103,7 @@ impl Gpu {
                 *sum += f64::from(*value);
             }
         }
-        Ok(pose(&sums, camera, upload.origin))
+        Ok(pose(&sums, camera))
     }
 }
 
@@ -127,15 +126,18 @@ fn pixel_gradients(view: &ViewTape, pixels: &PixelGradients) -> Vec<f32> {
     grads
 }
 
-/// The pose gradient from its sums over Gaussians: by R with means relative to the origin (9), by the position in camera axes
-/// (3), by the camera centre -Rᵀ t through colours (3).
-fn pose(sums: &[f64; POSE_SUMS], camera: &Camera, origin: DVec3) -> PoseGradient {
+/// The pose gradient from its sums over Gaussians: by D in p ← D p (9), by t (3), and by the camera centre -Rᵀ t through colours
+/// (3). As p = R m + t, the derivative by R is (that by D, less that by t times tᵀ) R⁻ᵀ.
+fn pose(sums: &[f64; POSE_SUMS], camera: &Camera) -> PoseGradient {
     let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
-    let (by_position, by_centre) = (vector(9), vector(12));
-    let relative = DMat3::from_cols(vector(0), vector(3), vector(6)).transpose();
+    let by_centre = vector(12);
+    let (by_axes, by_t) = (DMat3::from_cols(vector(0), vector(3), vector(6)).transpose(), vector(9));
+    let t = camera.translation();
+    // R itself but for rounding, which far from the world's origin would be seen.
+    let to_rows = camera.rotation().inverse().transpose();
     let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
     PoseGradient {
-        rotation: relative + outer(by_position, origin) - outer(camera.translation(), by_centre),
-        translation: by_position - camera.rotation() * by_centre,
+        rotation: (by_axes - outer(by_t, t)) * to_rows - outer(t, by_centre),
+        translation: by_t - camera.rotation() * by_centre,
     }
 }

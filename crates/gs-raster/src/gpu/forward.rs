@@ -17,7 +17,7 @@ const DEPTH_BITS: u32 = 32;
 /// What the backward pass needs of views on the GPU.
 #[derive(Debug)]
 pub(crate) struct Tape {
-    pub(super) upload: Option<Upload>,
+    pub(super) upload: Upload,
     pub(super) views: Vec<ViewTape>,
 }
 
@@ -46,8 +46,7 @@ impl Gpu {
         cameras: &[Camera],
         settings: &RenderSettings,
     ) -> Result<Vec<Rendering>> {
-        let Some(first) = cameras.first() else { return Ok(Vec::new()) };
-        let upload = self.upload(gaussians, first.position())?;
+        let upload = self.upload(gaussians)?;
         cameras.iter().map(|camera| Ok(self.view(&upload, camera, settings, false)?.0)).collect()
     }
 
@@ -57,17 +56,14 @@ impl Gpu {
         cameras: &[Camera],
         settings: &RenderSettings,
     ) -> Result<(Vec<Rendering>, Tape)> {
-        let Some(first) = cameras.first() else {
-            return Ok((Vec::new(), Tape { upload: None, views: Vec::new() }));
-        };
-        let upload = self.upload(gaussians, first.position())?;
+        let upload = self.upload(gaussians)?;
         let (mut renderings, mut views) = (Vec::new(), Vec::new());
         for camera in cameras {
             let (rendering, view) = self.view(&upload, camera, settings, true)?;
             renderings.push(rendering);
             views.extend(view);
         }
-        Ok((renderings, Tape { upload: Some(upload), views }))
+        Ok((renderings, Tape { upload, views }))
     }
 
     /// Renders a view, and keeps what its backward pass needs if it is to have one.
@@ -108,7 +104,7 @@ impl Gpu {
         train: bool,
         capacity: u32,
     ) -> Result<(Rendering, Option<ViewTape>)> {
-        let frame = frame(camera, settings, upload.origin, upload.n, capacity);
+        let frame = frame(camera, settings, upload.n, capacity);
         let n_pixels = camera.width() * camera.height();
         let n_tiles = frame.tiles[0] * frame.tiles[1];
         let features = upload.features(settings.antialias, settings.depth);

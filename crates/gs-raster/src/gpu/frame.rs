@@ -2,41 +2,43 @@
 
 use crate::RenderSettings;
 use crate::settings::COMPENSATION_MIN;
-use glam::DVec3;
 use gs_scene::Camera;
 use gs_shaders::{Frame, TILE};
 
-/// The frame of a view of a scene whose means are relative to `origin`.
+/// The frame of a view of a scene.
 pub(super) fn frame(
     camera: &Camera,
     settings: &RenderSettings,
-    origin: DVec3,
     n_gaussians: u32,
     pair_capacity: u32,
 ) -> Frame {
     let lens = camera.intrinsics();
     let (focal, centre) = ([lens.fx, lens.fy], [lens.cx, lens.cy]);
     let size = [lens.width as u32, lens.height as u32];
-    let rotation = camera.rotation();
-    let translation = rotation * origin + camera.translation();
-    let pose = [0, 1, 2].map(|row| {
-        let [x, y, z] = rotation.row(row).as_vec3().to_array();
-        [x, y, z, translation[row] as f32]
+    let rows = [0, 1, 2].map(|row| {
+        let [x, y, z] = camera.rotation().row(row).to_array();
+        [x, y, z, camera.translation()[row]]
     });
+    let position = camera.position().to_array();
     let margin = |axis: usize| 0.15 * f64::from(size[axis]) / focal[axis];
     Frame {
-        pose,
-        position: (camera.position() - origin).as_vec3().to_array(),
+        pose: rows.map(high),
+        pose_low: rows.map(low),
+        position: high(position),
         n_gaussians,
-        focal: focal.map(|value| value as f32),
-        centre: centre.map(|value| value as f32),
-        slope_min: [0, 1].map(|axis| (-centre[axis] / focal[axis] - margin(axis)) as f32),
-        slope_max: [0, 1]
-            .map(|axis| ((f64::from(size[axis]) - centre[axis]) / focal[axis] + margin(axis)) as f32),
+        position_low: low(position),
+        near: settings.near,
+        focal: high(focal),
+        focal_low: low(focal),
+        centre: high(centre),
+        centre_low: low(centre),
+        slope_min: high([0, 1].map(|axis| -centre[axis] / focal[axis] - margin(axis))),
+        slope_max: high(
+            [0, 1].map(|axis| (f64::from(size[axis]) - centre[axis]) / focal[axis] + margin(axis)),
+        ),
         size,
         tiles: size.map(|pixels| pixels.div_ceil(TILE)),
         background: settings.background,
-        near: settings.near,
         far: settings.far,
         eps2d: settings.eps2d,
         alpha_max: settings.alpha_max,
@@ -44,6 +46,17 @@ pub(super) fn frame(
         transmittance_min: settings.transmittance_min,
         compensation_min: COMPENSATION_MIN,
         pair_capacity,
+        zero: 0,
         padding: 0,
     }
+}
+
+/// The nearest f32.
+fn high<const N: usize>(values: [f64; N]) -> [f32; N] {
+    values.map(|value| value as f32)
+}
+
+/// What the nearest f32 leaves over.
+fn low<const N: usize>(values: [f64; N]) -> [f32; N] {
+    values.map(|value| (value - f64::from(value as f32)) as f32)
 }

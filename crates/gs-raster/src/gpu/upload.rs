@@ -3,23 +3,20 @@
 use super::context::Gpu;
 use super::pool::Pooled;
 use crate::{Error, Result};
-use glam::DVec3;
-use gs_scene::{Gaussians, MEAN, sh_coefficients};
+use gs_scene::{Gaussians, sh_coefficients};
 use gs_shaders::Features;
 
-/// The buffers of a scene. Means are relative to an origin near the camera, subtracted in f64: far from the world's origin
-/// f32 would lose what lies between camera and Gaussian.
+/// The buffers of a scene.
 #[derive(Debug)]
 pub(super) struct Upload {
     pub(super) geometry: Pooled,
     pub(super) sh: Pooled,
-    pub(super) origin: DVec3,
     pub(super) n: u32,
     pub(super) sh_degree: u32,
 }
 
 impl Gpu {
-    pub(super) fn upload(&self, gaussians: &Gaussians, origin: DVec3) -> Result<Upload> {
+    pub(super) fn upload(&self, gaussians: &Gaussians) -> Result<Upload> {
         let bytes = |numbers: usize| (numbers * size_of::<f32>()) as u64;
         self.check_size("geometry", bytes(gaussians.geometry().len()))?;
         self.check_size("SH coefficients", bytes(gaussians.sh().len()))?;
@@ -28,12 +25,6 @@ impl Gpu {
             bytes: gaussians.len() as u64,
             limit: u64::from(u32::MAX),
         })?;
-        let mut geometry = gaussians.geometry().to_vec();
-        for row in geometry.chunks_exact_mut(Gaussians::GEOMETRY) {
-            for (value, origin) in row[MEAN].iter_mut().zip(origin.to_array()) {
-                *value = (f64::from(*value) - origin) as f32;
-            }
-        }
         let sh_degree = gaussians.sh_degree();
         assert_eq!(
             gaussians.sh().len(),
@@ -41,9 +32,8 @@ impl Gpu {
             "a scene's buffers fit"
         );
         Ok(Upload {
-            geometry: self.pool.storage(&geometry),
+            geometry: self.pool.storage(gaussians.geometry()),
             sh: self.pool.storage(gaussians.sh()),
-            origin,
             n,
             sh_degree: sh_degree as u32,
         })
