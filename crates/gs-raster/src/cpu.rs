@@ -1,8 +1,14 @@
-//! The CPU path: project, list per tile, order and blend each tile.
+//! The CPU path. Forward: project, order by depth, list per tile, blend each tile. Backward: blend each tile back to front,
+//! sum over tiles, project back.
 
 mod bin;
 mod blend;
+mod blend_backward;
+mod footprint;
+mod math;
+mod order;
 mod project;
+mod project_backward;
 mod sh;
 
 use crate::{
@@ -31,73 +37,105 @@ impl Grid {
     fn new(width: usize, height: usize) -> Self {
         Self { width, height, columns: width.div_ceil(TILE), rows: height.div_ceil(TILE) }
     }
+
+    fn tiles(self) -> usize {
+        self.columns * self.rows
+    }
 }
 
 /// Buffers that are kept from one frame to the next.
 #[derive(Debug, Default)]
-pub(crate) struct Scratch {}
+pub(crate) struct Scratch {
+    frame: Frame,
+}
+
+/// A scene in one view before it is blended.
+#[derive(Debug, Default)]
+struct Frame {
+    splats: project::Splats,
+    order: order::Order,
+    bins: bin::Bins,
+}
 
 /// What the backward pass needs of one view's forward pass.
 #[derive(Debug)]
-pub(crate) struct Tape {}
-
-/// [`render`], and what [`backward`] needs of it.
-pub(crate) fn record(
-    _gaussians: &Gaussians,
-    _camera: &Camera,
-    _settings: &RenderSettings,
-    _scratch: &mut Scratch,
-) -> Result<(Rendering, Tape)> {
-    todo!("next")
+pub(crate) struct Tape {
+    frame: Frame,
+    traces: Vec<blend::Trace>,
 }
 
-/// Adds this view's derivatives to `gradients` and returns those by its pose.
-pub(crate) fn backward(
-    _gaussians: &Gaussians,
-    _camera: &Camera,
-    _settings: &RenderSettings,
-    _tape: &Tape,
-    _pixels: &PixelGradients,
-    _gradients: &mut Gradients,
-    _scratch: &mut Scratch,
-) -> Result<PoseGradient> {
-    todo!("next")
-}
-
+/// Renders a view.
 pub(crate) fn render(
     gaussians: &Gaussians,
     camera: &Camera,
     settings: &RenderSettings,
-    _scratch: &mut Scratch,
+    scratch: &mut Scratch,
 ) -> Result<Rendering> {
+    Ok(draw(gaussians, camera, settings, &mut scratch.frame, false)?.0)
+}
+
+/// [`render`], and what [`backward`] needs of it.
+pub(crate) fn record(
+    gaussians: &Gaussians,
+    camera: &Camera,
+    settings: &RenderSettings,
+    scratch: &mut Scratch,
+) -> Result<(Rendering, Tape)> {
+    let mut frame = std::mem::take(&mut scratch.frame);
+    let (rendering, traces) = draw(gaussians, camera, settings, &mut frame, true)?;
+    Ok((rendering, Tape { frame, traces }))
+}
+
+fn draw(
+    gaussians: &Gaussians,
+    camera: &Camera,
+    settings: &RenderSettings,
+    frame: &mut Frame,
+    record: bool,
+) -> Result<(Rendering, Vec<blend::Trace>)> {
     let (width, height) = (camera.width(), camera.height());
     let grid = Grid::new(width, height);
     let mut seconds = StageSeconds::default();
 
     let start = Instant::now();
-    let projection = project::project(gaussians, camera, settings);
+    frame.splats.project(gaussians, camera, settings);
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
-    let bins = bin::Bins::new(&projection.splats, grid)?;
+    frame.order.sort(&frame.splats);
+    frame.bins.list(&frame.splats, frame.order.indices(), grid)?;
     seconds.bin = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
     let mut image = Image::filled(width, height, settings.background)?;
     let mut alpha = vec![0.0; width * height];
     let mut depth = vec![0.0; if settings.depth { width * height } else { 0 }];
-    blend::blend(&projection.splats, &bins, grid, settings, image.data_mut(), &mut alpha, &mut depth);
+    let lists = blend::Lists { splats: &frame.splats, bins: &frame.bins, grid };
+    let traces = blend::blend(lists, settings, record, image.data_mut(), &mut alpha, &mut depth);
     seconds.blend = start.elapsed().as_secs_f64();
 
-    Ok(Rendering {
-        image,
-        alpha,
-        depth: settings.depth.then_some(depth),
-        stats: RenderStats {
-            visible: projection.splats.len(),
-            rejected: projection.rejected,
-            intersections: bins.intersections(),
-            seconds,
-        },
-    })
+    let stats = RenderStats {
+        visible: frame.splats.visible(),
+        rejected: frame.splats.rejected(),
+        intersections: frame.bins.intersections(),
+        seconds,
+    };
+    Ok((Rendering { image, alpha, depth: settings.depth.then_some(depth), stats }, traces))
+}
+
+/// Adds this view's derivatives to `gradients`, which are of the scene that was recorded, and returns those by its pose.
+pub(crate) fn backward(
+    gaussians: &Gaussians,
+    camera: &Camera,
+    settings: &RenderSettings,
+    tape: &Tape,
+    pixels: &PixelGradients,
+    gradients: &mut Gradients,
+    _scratch: &mut Scratch,
+) -> PoseGradient {
+    let grid = Grid::new(camera.width(), camera.height());
+    let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid };
+    let order = tape.frame.order.indices();
+    let summed = blend_backward::sum(lists, settings, &tape.traces, pixels, &mut gradients.background);
+    project_backward::project_backward(gaussians, camera, settings, lists.splats, order, &summed, gradients)
 }

@@ -210,7 +210,7 @@ impl Rasterizer {
                         pixels,
                         &mut gradients,
                         scratch,
-                    )?;
+                    );
                     gradients.poses.push(pose);
                 }
             }

@@ -68,6 +68,11 @@ pub const F32_CANCELLING: f64 = 2e-6;
 /// leaves of it.
 pub const CANCELLED: f64 = 1e-12;
 
+/// Gradients of an f32 renderer on random scenes, relative to the magnitudes that parts of the picture add to them: 60 px
+/// from the centre of a needle, the middle of its row is rounded by 4e-6 px; that is 5e-6 of its width, and with σ = 5 it
+/// is ten times that in the opacity.
+pub const F32_RANDOM_GRADIENT: f64 = 1e-4;
+
 /// Distance of a decision from its threshold, relative, below which f32 may decide otherwise.
 pub const AMBIGUOUS: f64 = 5e-4;
 

@@ -1,120 +1,213 @@
-//! Lists of the Gaussians that touch each tile.
+//! Lists of the splats that touch each tile, near to far.
 
-use super::project::Splat;
+use super::project::{Splat, Splats};
 use super::{Grid, TILE};
+use crate::settings::INTERSECTIONS_MAX;
 use crate::{Error, Result};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Gaussians per task.
-const CHUNK: usize = 16384;
-/// The most pairs of Gaussian and tile that are listed: 1 GiB of indices.
-const INTERSECTIONS_MAX: u64 = 1 << 28;
+/// Splats per task, at least. In large pictures it is one per tile, so that what is kept per chunk and tile takes no more
+/// memory than the splats do.
+const CHUNK: usize = 4096;
 
 /// Per tile, the splats whose footprint may touch one of its pixel centres.
+#[derive(Debug, Default)]
 pub(super) struct Bins {
     chunks: Vec<Lists>,
+    /// How many of `chunks` are in use.
+    used: usize,
     intersections: u64,
 }
 
-/// The lists of a run of neighbouring splats.
+/// The lists of a run of splats that follow each other in depth.
+#[derive(Debug, Default)]
 struct Lists {
     /// Where the list of each tile ends in `splats`; it starts where that of the tile before ends.
     ends: Vec<u32>,
     splats: Vec<u32>,
+    /// Tiles by splat.
+    spans: Vec<Span>,
+    /// How many spans each splat has.
+    counts: Vec<u32>,
+}
+
+/// Splats per task.
+pub(super) fn chunk_size(grid: Grid) -> usize {
+    CHUNK.max(grid.tiles())
 }
 
 impl Bins {
-    /// Lists `splats`.
-    pub(super) fn new(splats: &[Splat], grid: Grid) -> Result<Self> {
+    /// Lists the splats of `order`, indices near to far; what was here is forgotten.
+    pub(super) fn list(&mut self, splats: &Splats, order: &[u32], grid: Grid) -> Result<()> {
         let found = AtomicU64::new(0);
-        let chunks = splats
-            .par_chunks(CHUNK)
-            .enumerate()
-            .map(|(chunk, splats)| list(splats, (chunk * CHUNK) as u32, grid, &found))
-            .collect();
-        let intersections = found.into_inner();
-        if intersections > INTERSECTIONS_MAX {
-            return Err(Error::TooManyIntersections { found: intersections, limit: INTERSECTIONS_MAX });
+        self.used = order.len().div_ceil(chunk_size(grid));
+        if self.chunks.len() < self.used {
+            self.chunks.resize_with(self.used, Lists::default);
         }
-        Ok(Self { chunks, intersections })
+        self.chunks
+            .par_iter_mut()
+            .zip(order.par_chunks(chunk_size(grid)))
+            .for_each(|(lists, order)| lists.list(splats, order, grid, &found));
+        self.intersections = found.into_inner();
+        if self.intersections > INTERSECTIONS_MAX {
+            return Err(Error::TooManyIntersections { found: self.intersections, limit: INTERSECTIONS_MAX });
+        }
+        Ok(())
     }
 
-    /// Puts the splats of one tile into `list`, near to far; equal depths keep the order of the scene.
-    pub(super) fn near_to_far(&self, tile: usize, splats: &[Splat], list: &mut Vec<u64>) {
-        list.clear();
-        for lists in &self.chunks {
-            let start = if tile == 0 { 0 } else { lists.ends[tile - 1] };
-            // Depths are positive, so their bits order as the numbers do.
-            let key =
-                |&index: &u32| u64::from(splats[index as usize].depth.to_bits()) << 32 | u64::from(index);
-            list.extend(lists.splats[start as usize..lists.ends[tile] as usize].iter().map(key));
-        }
-        list.sort_unstable();
+    /// The splats of one tile, near to far, in pieces.
+    pub(super) fn pieces(&self, tile: usize) -> impl DoubleEndedIterator<Item = &[u32]> {
+        self.chunks[..self.used].iter().map(move |lists| lists.of(tile))
+    }
+
+    /// Length of the list of one tile.
+    pub(super) fn len(&self, tile: usize) -> usize {
+        self.pieces(tile).map(<[u32]>::len).sum()
     }
 
     /// Pairs of splat and tile.
     pub(super) fn intersections(&self) -> u64 {
         self.intersections
     }
-}
 
-/// The lists of `splats`, the first of which has index `first`. What it finds is added to `found`; once that is beyond the
-/// limit the lists are of no use, and it only counts.
-fn list(splats: &[Splat], first: u32, grid: Grid, found: &AtomicU64) -> Lists {
-    let mut spans = Vec::with_capacity(splats.len() * 2);
-    let mut span_ends = Vec::with_capacity(splats.len());
-    let mut count = 0;
-    for splat in splats {
-        count += push_spans(splat, grid, &mut spans);
-        span_ends.push(spans.len());
-    }
-    if found.fetch_add(count, Ordering::Relaxed) + count > INTERSECTIONS_MAX {
-        return Lists { ends: Vec::new(), splats: Vec::new() };
-    }
-    let mut slots = vec![0; grid.columns * grid.rows];
-    for span in &spans {
-        for slot in &mut slots[span.start as usize..span.end as usize] {
-            *slot += 1;
-        }
-    }
-    let mut offset = 0;
-    for slot in &mut slots {
-        (*slot, offset) = (offset, offset + *slot);
-    }
-    let mut lists = vec![0; count as usize];
-    let mut start = 0;
-    for (index, &end) in (first..).zip(&span_ends) {
-        for span in &spans[start..end] {
-            for slot in &mut slots[span.start as usize..span.end as usize] {
-                lists[*slot as usize] = index;
-                *slot += 1;
+    /// The splats of each chunk and where they stand in the lists of their tiles.
+    pub(super) fn places(&self) -> Vec<Places<'_>> {
+        let tiles = self.chunks.first().map_or(0, |lists| lists.ends.len());
+        let mut cursors = vec![0; tiles];
+        let mut places = Vec::with_capacity(self.used);
+        for lists in &self.chunks[..self.used] {
+            places.push(Places { lists, cursors: cursors.clone() });
+            for (tile, cursor) in cursors.iter_mut().enumerate() {
+                *cursor += lists.of(tile).len() as u32;
             }
         }
-        start = end;
+        places
     }
-    Lists { ends: slots, splats: lists }
+}
+
+/// Where the splats of a chunk stand in the lists of their tiles.
+pub(super) struct Places<'a> {
+    lists: &'a Lists,
+    /// Per tile, the length of its list before this chunk.
+    cursors: Vec<u32>,
+}
+
+impl Places<'_> {
+    /// Number of splats.
+    pub(super) fn len(&self) -> usize {
+        self.lists.counts.len()
+    }
+
+    /// Calls `visit` for each splat of the chunk, in the order of depth, with its tiles and its place in each.
+    pub(super) fn for_each(mut self, mut visit: impl FnMut(&[(usize, usize)])) {
+        let mut spans = self.lists.spans.iter();
+        let mut places = Vec::new();
+        for &count in &self.lists.counts {
+            places.clear();
+            for span in spans.by_ref().take(count as usize) {
+                for tile in span.start as usize..span.end as usize {
+                    places.push((tile, self.cursors[tile] as usize));
+                    self.cursors[tile] += 1;
+                }
+            }
+            visit(&places);
+        }
+    }
+}
+
+impl Lists {
+    fn of(&self, tile: usize) -> &[u32] {
+        let start = if tile == 0 { 0 } else { self.ends[tile - 1] };
+        &self.splats[start as usize..self.ends[tile] as usize]
+    }
+
+    /// Lists the splats with indices `order`. What it finds is added to `found`; once that is beyond the limit the lists
+    /// are of no use, and it only counts.
+    fn list(&mut self, splats: &Splats, order: &[u32], grid: Grid, found: &AtomicU64) {
+        let Self { ends, splats: lists, spans, counts } = self;
+        spans.clear();
+        counts.clear();
+        let count = find_spans(splats, order, grid, spans, counts);
+        ends.clear();
+        ends.resize(grid.tiles(), 0);
+        lists.clear();
+        if found.fetch_add(count, Ordering::Relaxed) + count > INTERSECTIONS_MAX {
+            return;
+        }
+        for span in &*spans {
+            for end in &mut ends[span.start as usize..span.end as usize] {
+                *end += 1;
+            }
+        }
+        let mut offset = 0;
+        for end in &mut *ends {
+            (*end, offset) = (offset, offset + *end);
+        }
+        lists.resize(count as usize, 0);
+        let mut rest = spans.iter();
+        for (&index, &count) in order.iter().zip(&*counts) {
+            for span in rest.by_ref().take(count as usize) {
+                for end in &mut ends[span.start as usize..span.end as usize] {
+                    lists[*end as usize] = index;
+                    *end += 1;
+                }
+            }
+        }
+    }
 }
 
 /// Neighbouring tiles in one row.
+#[derive(Debug)]
 struct Span {
     start: u32,
     end: u32,
 }
 
-/// Appends the tiles in which a pixel centre may lie inside the splat's ellipse, and returns their number.
-///
+/// Appends the tiles in which a pixel centre may lie inside the ellipses of the splats, and the number of spans of each
+/// splat. Returns the number of tiles.
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn find_spans(
+    splats: &Splats,
+    order: &[u32],
+    grid: Grid,
+    spans: &mut Vec<Span>,
+    counts: &mut Vec<u32>,
+) -> u64 {
+    let mut tiles = 0;
+    for &index in order {
+        let before = spans.len();
+        tiles += push_spans(splats.get(index), grid, spans);
+        counts.push((spans.len() - before) as u32);
+    }
+    tiles
+}
+
 /// Within a row of tiles the ellipse reaches farthest right at dy = `lean` if that is in the row, else at the edge
 /// nearest to it; farthest left likewise at dy = -`lean`.
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[inline(always)]
 fn push_spans(splat: &Splat, grid: Grid, spans: &mut Vec<Span>) -> u64 {
     let [extent_x, extent_y] = splat.extent;
     let [x, y] = splat.mean;
-    let Some((first, last)) = pixels(y, -extent_y, extent_y, grid.height) else { return 0 };
-    let lean = splat.shear * extent_y * (extent_y / extent_x);
+    let Some((top, bottom)) = pixels(y, -extent_y, extent_y, grid.height) else { return 0 };
+    let Some((left, right)) = pixels(x, -extent_x, extent_x, grid.width) else { return 0 };
+    let (rows, columns) = (top / TILE..bottom / TILE + 1, left / TILE..right / TILE + 1);
     let mut count = 0;
-    for row in first / TILE..=last / TILE {
+    let mut push = |row: usize, left: usize, right: usize| {
+        let (start, end) = (row * grid.columns + left / TILE, row * grid.columns + right / TILE + 1);
+        spans.push(Span { start: start as u32, end: end as u32 });
+        count += (end - start) as u64;
+    };
+    // In one row or column of tiles the ellipse touches all that its bounding box does.
+    if rows.len() == 1 || columns.len() == 1 {
+        for row in rows {
+            push(row, left, right);
+        }
+        return count;
+    }
+    let lean = splat.shear * extent_y * (extent_y / extent_x);
+    for row in rows {
         let top = ((row * TILE) as f64 + 0.5 - y) as f32;
         let (low, high) = (top.max(-extent_y), (top + (TILE - 1) as f32).min(extent_y));
         let reach = |dy: f32| {
@@ -123,13 +216,10 @@ fn push_spans(splat: &Splat, grid: Grid, spans: &mut Vec<Span>) -> u64 {
         };
         let (middle_left, half_left) = reach((-lean).max(low).min(high));
         let (middle_right, half_right) = reach(lean.max(low).min(high));
-        let Some((left, right)) = pixels(x, middle_left - half_left, middle_right + half_right, grid.width)
-        else {
-            continue;
-        };
-        let (start, end) = (row * grid.columns + left / TILE, row * grid.columns + right / TILE + 1);
-        spans.push(Span { start: start as u32, end: end as u32 });
-        count += (end - start) as u64;
+        if let Some((left, right)) = pixels(x, middle_left - half_left, middle_right + half_right, grid.width)
+        {
+            push(row, left, right);
+        }
     }
     count
 }

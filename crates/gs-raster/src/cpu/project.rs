@@ -1,29 +1,21 @@
-//! Gaussians to footprints: culling, EWA projection of the covariance (Zwicker et al. 2001), bounds, colour.
-//!
-//! Geometry is computed in f64 and rounded once: scenes far from the origin, needles and huge scales keep their
-//! precision.
+//! Gaussians to footprints: culling, projection, bounds, colour.
 
-use super::sh;
+use super::footprint::{BLOCK, Columns, Footprint, View};
+use super::{math, sh};
 use crate::RenderSettings;
-use glam::{DMat3, DQuat, DVec3};
-use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
+use gs_scene::{Camera, Gaussians, sh_coefficients};
+use multiversion::{multiversion, target::target_cfg_f};
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
 
+/// log₂ of [`CHUNK`].
+const CHUNK_BITS: u32 = 12;
 /// Gaussians per task; fixed, so that the result does not depend on the number of threads.
-const CHUNK: usize = 4096;
-/// Least opacity compensation of [`RenderSettings::antialias`], so that tiny Gaussians do not vanish.
-const COMPENSATION_MIN: f64 = 0.005;
-/// Added to the squared Mahalanobis distance that bounds a footprint: far above the rounding of the blending stage,
-/// which takes the decision itself, and too small to cost anything.
-const BOUND_SLACK: f64 = 1e-3;
-/// Longest standard deviation of a footprint, pixels. Longer axes are shortened, not thickened: over an image, no
-/// falloff changes by more than rounding, and the footprint's numbers and their squares fit f32. What is centred so much
-/// farther outside than this is not drawn.
-const SIGMA_MAX: f64 = 1e12;
+pub(super) const CHUNK: usize = 1 << CHUNK_BITS;
 
 /// The footprint of one Gaussian in the image: 64 bytes, one cache line.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
 pub(super) struct Splat {
     /// Centre, pixels.
     pub(super) mean: [f64; 2],
@@ -32,7 +24,7 @@ pub(super) struct Splat {
     pub(super) falloff: [f32; 2],
     /// log₂ of the opacity.
     pub(super) log2_opacity: f32,
-    /// Colour.
+    /// Colour. Where it was cut at 0 from below, and so has no gradient, it is -0.
     pub(super) rgb: [f32; 3],
     /// z-depth of the centre, scene units.
     pub(super) depth: f32,
@@ -42,185 +34,207 @@ pub(super) struct Splat {
     pub(super) shear: f32,
     /// Half width of the ellipse's row at dy = 0, pixels.
     pub(super) half_width: f32,
+    /// Which Gaussian of its chunk.
+    pub(super) row: u32,
 }
 
-/// What is left of a scene in one view.
-pub(super) struct Projection {
-    /// Visible Gaussians, in the order of the scene.
-    pub(super) splats: Vec<Splat>,
+/// What is left of a scene in one view: chunk by chunk the visible Gaussians, in the order of the scene.
+#[derive(Debug, Default)]
+pub(super) struct Splats {
+    chunks: Vec<Chunk>,
+}
+
+/// What is left of [`CHUNK`] Gaussians.
+#[derive(Debug, Default)]
+struct Chunk {
+    splats: Vec<Splat>,
+    rejected: usize,
+}
+
+impl Splats {
+    /// Projects every Gaussian of a scene; what was here is forgotten.
+    pub(super) fn project(&mut self, gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) {
+        let view = View::new(camera, settings);
+        let project_chunk = match gaussians.sh_degree() {
+            0 => project_chunk::<0>,
+            1 => project_chunk::<1>,
+            2 => project_chunk::<2>,
+            _ => project_chunk::<3>,
+        };
+        let sh_row = sh_coefficients(gaussians.sh_degree()) * 3;
+        self.chunks.resize_with(gaussians.len().div_ceil(CHUNK), Chunk::default);
+        self.chunks
+            .par_iter_mut()
+            .zip(gaussians.geometry().par_chunks(CHUNK * Gaussians::GEOMETRY))
+            .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
+            .for_each(|((chunk, geometry), sh)| project_chunk(chunk, &view, geometry, sh));
+    }
+
+    /// The splat of an index; not all numbers below [`Splats::end`] are one.
+    #[inline(always)]
+    pub(super) fn get(&self, index: u32) -> &Splat {
+        &self.chunks[(index >> CHUNK_BITS) as usize].splats[index as usize % CHUNK]
+    }
+
+    /// The splats of each chunk; the first of chunk k has index k · [`CHUNK`].
+    pub(super) fn chunks(&self) -> impl IndexedParallelIterator<Item = &[Splat]> {
+        self.chunks.par_iter().map(|chunk| chunk.splats.as_slice())
+    }
+
+    /// All indices are below this.
+    pub(super) fn end(&self) -> usize {
+        self.chunks.len() * CHUNK
+    }
+
+    /// How many there are.
+    pub(super) fn visible(&self) -> usize {
+        self.chunks.iter().map(|chunk| chunk.splats.len()).sum()
+    }
+
     /// See [`RenderStats::rejected`](crate::RenderStats::rejected).
-    pub(super) rejected: usize,
-}
-
-/// Projects every Gaussian of a scene.
-pub(super) fn project(gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Projection {
-    match gaussians.sh_degree() {
-        0 => project_degree::<0>(gaussians, camera, settings),
-        1 => project_degree::<1>(gaussians, camera, settings),
-        2 => project_degree::<2>(gaussians, camera, settings),
-        _ => project_degree::<3>(gaussians, camera, settings),
+    pub(super) fn rejected(&self) -> usize {
+        self.chunks.iter().map(|chunk| chunk.rejected).sum()
     }
 }
 
-fn project_degree<const DEGREE: usize>(
-    gaussians: &Gaussians,
-    camera: &Camera,
-    settings: &RenderSettings,
-) -> Projection {
-    let projector = Projector::new(camera, settings);
-    let sh_row = sh_coefficients(DEGREE) * 3;
-    let chunks: Vec<Projection> = gaussians
-        .geometry()
-        .par_chunks(CHUNK * Gaussians::GEOMETRY)
-        .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
-        .map(|(geometry, sh)| {
-            let mut chunk = Projection { splats: Vec::with_capacity(CHUNK), rejected: 0 };
-            for (row, sh) in geometry.chunks_exact(Gaussians::GEOMETRY).zip(sh.chunks_exact(sh_row)) {
-                match projector.splat::<DEGREE>(row, sh) {
-                    Outcome::Visible(splat) => chunk.splats.push(splat),
-                    Outcome::Culled => {}
-                    Outcome::Rejected => chunk.rejected += 1,
+const CULLED: u32 = 0;
+const DRAWN: u32 = 1;
+const REJECTED: u32 = 2;
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
+fn project_chunk<const DEGREE: usize>(chunk: &mut Chunk, view: &View, geometry: &[f32], sh: &[f32]) {
+    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
+        project_chunk_with::<DEGREE, true>(chunk, view, geometry, sh);
+    } else {
+        project_chunk_with::<DEGREE, false>(chunk, view, geometry, sh);
+    }
+}
+
+#[inline(always)]
+fn project_chunk_with<const DEGREE: usize, const FMA: bool>(
+    chunk: &mut Chunk,
+    view: &View,
+    geometry: &[f32],
+    sh: &[f32],
+) {
+    let coefficients = sh_coefficients(DEGREE);
+    chunk.splats.clear();
+    chunk.splats.reserve_exact(geometry.len() / Gaussians::GEOMETRY);
+    chunk.rejected = 0;
+    let mut stored = Columns::new();
+    let mut outcome = [CULLED; BLOCK];
+    let mut rows = [0; BLOCK];
+    let mut shapes = Shapes::new();
+    let mut basis = [[0.0; BLOCK]; sh::COEFFICIENTS_MAX];
+    for (block, geometry) in geometry.chunks(BLOCK * Gaussians::GEOMETRY).enumerate() {
+        let count = geometry.len() / Gaussians::GEOMETRY;
+        for (place, row) in geometry.chunks_exact(Gaussians::GEOMETRY).enumerate() {
+            stored.set(place, row);
+        }
+        for (place, outcome) in outcome.iter_mut().enumerate() {
+            *outcome = first_look(view, &stored, place);
+        }
+        let mut kept = 0;
+        for place in 0..count {
+            chunk.rejected += usize::from(outcome[place] == REJECTED);
+            if outcome[place] == DRAWN {
+                stored.copy(place, kept);
+                rows[kept] = block * BLOCK + place;
+                kept += 1;
+            }
+        }
+        if kept == 0 {
+            continue;
+        }
+        for place in 0..BLOCK {
+            shapes.set(place, view, &stored);
+        }
+        for place in 0..BLOCK {
+            let direction = shapes.direction;
+            let values = sh::basis::<DEGREE>([direction[0][place], direction[1][place], direction[2][place]]);
+            for k in 0..coefficients {
+                basis[k][place] = values[k];
+            }
+        }
+        for (place, &row) in rows[..kept].iter().enumerate() {
+            if shapes.outcome[place] != DRAWN {
+                chunk.rejected += usize::from(shapes.outcome[place] == REJECTED);
+                continue;
+            }
+            let mut rgb = [0.5; 3];
+            let sh = &sh[row * coefficients * 3..][..coefficients * 3];
+            for k in 0..coefficients {
+                for channel in 0..3 {
+                    rgb[channel] = math::mul_add::<FMA>(basis[k][place], sh[3 * k + channel], rgb[channel]);
                 }
             }
-            chunk
-        })
-        .collect();
-    let rejected = chunks.iter().map(|chunk| chunk.rejected).sum();
-    let mut splats = Vec::with_capacity(chunks.iter().map(|chunk| chunk.splats.len()).sum());
-    for chunk in chunks {
-        splats.extend_from_slice(&chunk.splats);
+            if rgb.iter().all(|channel| channel.is_finite()) {
+                let rgb = rgb.map(|channel| if channel < 0.0 { -0.0 } else { channel });
+                chunk.splats.push(shapes.splat(place, rgb, row as u32));
+            } else {
+                chunk.rejected += 1;
+            }
+        }
     }
-    Projection { splats, rejected }
 }
 
-enum Outcome {
-    Visible(Splat),
-    Culled,
-    Rejected,
+/// What can be said of a Gaussian before its shape is known. Every test is written so that NaN fails it.
+#[inline(always)]
+fn first_look(view: &View, stored: &Columns, place: usize) -> u32 {
+    let mean = view.rotation * stored.mean(place) + view.translation;
+    let before = (mean.z > view.near) & (mean.z < view.far);
+    // Most Gaussians outside the image are far outside: an opaque ball around such a one misses it, too. The ball
+    // is a little larger because a valid rotation may be off by 1e-4.
+    let inverse_z = mean.z.recip();
+    let radius = 1.001 * math::exp(stored.log_scale(place).max_element());
+    let outside = |axis: usize, slope: f64| {
+        let clamped = view.clamp(axis, slope);
+        let jacobian = view.focal[axis] * inverse_z * (1.0 + clamped * clamped).sqrt();
+        let reach = view.bound_max.sqrt() * (jacobian * radius + view.eps2d.sqrt());
+        view.is_outside(axis, view.focal[axis] * slope + view.centre[axis], reach)
+    };
+    let outside = outside(0, mean.x * inverse_z) | outside(1, mean.y * inverse_z);
+    if stored.is_finite(place) { if before & !outside { DRAWN } else { CULLED } } else { REJECTED }
 }
 
-/// What is the same for all Gaussians of a view.
-struct Projector<'a> {
-    settings: &'a RenderSettings,
-    rotation: DMat3,
-    translation: DVec3,
-    position: DVec3,
-    focal: [f64; 2],
-    centre: [f64; 2],
-    size: [f64; 2],
-    /// Least and largest x/z and y/z at which the Jacobian is evaluated: the image and 15 % of its size around it.
-    slope_min: [f64; 2],
-    slope_max: [f64; 2],
-    /// Squared Mahalanobis distance that bounds the footprint of an opaque Gaussian.
-    bound_max: f64,
-    /// Standard deviation of the low-pass filter, pixels.
-    sigma_min: f64,
+/// The splats of a block but for their colours, field by field.
+struct Shapes {
+    outcome: [u32; BLOCK],
+    mean: [[f64; BLOCK]; 2],
+    falloff: [[f32; BLOCK]; 2],
+    log2_opacity: [f32; BLOCK],
+    depth: [f32; BLOCK],
+    extent: [[f32; BLOCK]; 2],
+    shear: [f32; BLOCK],
+    half_width: [f32; BLOCK],
+    /// From the camera to the Gaussian.
+    direction: [[f32; BLOCK]; 3],
 }
 
-impl<'a> Projector<'a> {
-    fn new(camera: &Camera, settings: &'a RenderSettings) -> Self {
-        let lens = camera.intrinsics();
-        let (focal, centre) = ([lens.fx, lens.fy], [lens.cx, lens.cy]);
-        let size = [lens.width as f64, lens.height as f64];
-        let margin = |axis: usize| 0.15 * size[axis] / focal[axis];
+impl Shapes {
+    fn new() -> Self {
         Self {
-            settings,
-            rotation: camera.rotation(),
-            translation: camera.translation(),
-            position: camera.position(),
-            focal,
-            centre,
-            size,
-            slope_min: [0, 1].map(|axis| -centre[axis] / focal[axis] - margin(axis)),
-            slope_max: [0, 1].map(|axis| (size[axis] - centre[axis]) / focal[axis] + margin(axis)),
-            bound_max: -2.0 * f64::from(settings.alpha_min).ln() + BOUND_SLACK,
-            sigma_min: f64::from(settings.eps2d).sqrt(),
+            outcome: [CULLED; BLOCK],
+            mean: [[0.0; BLOCK]; 2],
+            falloff: [[0.0; BLOCK]; 2],
+            log2_opacity: [0.0; BLOCK],
+            depth: [0.0; BLOCK],
+            extent: [[0.0; BLOCK]; 2],
+            shear: [0.0; BLOCK],
+            half_width: [0.0; BLOCK],
+            direction: [[0.0; BLOCK]; 3],
         }
     }
 
-    /// One Gaussian. Every test is written so that NaN fails it.
-    fn splat<const DEGREE: usize>(&self, row: &[f32], sh: &[f32]) -> Outcome {
-        let settings = self.settings;
-        if !row.iter().all(|value| value.is_finite()) {
-            return Outcome::Rejected;
-        }
-        let vector = |columns: std::ops::Range<usize>| {
-            DVec3::new(
-                f64::from(row[columns.start]),
-                f64::from(row[columns.start + 1]),
-                f64::from(row[columns.start + 2]),
-            )
-        };
-        let mean = vector(MEAN);
-        let p = self.rotation * mean + self.translation;
-        if !(p.z > f64::from(settings.near) && p.z < f64::from(settings.far)) {
-            return Outcome::Culled;
-        }
-
-        let inverse_z = p.z.recip();
-        let slope = [p.x * inverse_z, p.y * inverse_z];
-        let centre = [self.focal[0] * slope[0] + self.centre[0], self.focal[1] * slope[1] + self.centre[1]];
-        let clamp = |i: usize| slope[i].clamp(self.slope_min[i], self.slope_max[i]);
-        let clamped = [clamp(0), clamp(1)];
-        let outside =
-            |i: usize, extent: f64| centre[i] + extent < 0.5 || centre[i] - extent > self.size[i] - 0.5;
-        // Most Gaussians outside the image are far outside: an opaque ball around such a one misses it, too. The ball
-        // is a little larger because a valid rotation may be off by 1e-4.
-        let radius = 1.001 * vector(LOG_SCALE).max_element().exp();
-        let reach = |i: usize| {
-            let jacobian = self.focal[i] * inverse_z * (1.0 + clamped[i] * clamped[i]).sqrt();
-            self.bound_max.sqrt() * (jacobian * radius + self.sigma_min)
-        };
-        if outside(0, reach(0)) || outside(1, reach(1)) {
-            return Outcome::Culled;
-        }
-
-        let q = QUATERNION.start;
-        let quaternion = DQuat::from_xyzw(
-            f64::from(row[q + 1]),
-            f64::from(row[q + 2]),
-            f64::from(row[q + 3]),
-            f64::from(row[q]),
-        );
-        let norm = quaternion.length();
-        if norm == 0.0 {
-            return Outcome::Rejected;
-        }
-        let axes = DMat3::from_quat(quaternion * norm.recip());
-        let scale = vector(LOG_SCALE).exp();
-        if scale.max_element() > f64::from(f32::MAX) {
-            return Outcome::Rejected;
-        }
-        let scale = scale.min(DVec3::splat(SIGMA_MAX * p.z / self.focal[0].max(self.focal[1])));
-
-        // Rows of V = J · Rv · R · S, J evaluated at the clamped direction.
-        let rotation_rows = [self.rotation.row(0), self.rotation.row(1)];
-        let forward = self.rotation.row(2);
-        let row_of_v = |i: usize| {
-            let jacobian = (rotation_rows[i] - forward * clamped[i]) * (self.focal[i] * inverse_z);
-            axes.transpose() * jacobian * scale
-        };
-        let (u, v) = (row_of_v(0), row_of_v(1));
-        // The 2D covariance [a b; b c]; its determinant as a sum of positive terms (Cauchy–Binet), because
-        // a c - b² cancels for needles.
-        let eps = f64::from(settings.eps2d);
-        let (a0, b, c0) = (u.length_squared(), u.dot(v), v.length_squared());
-        let det0 = u.cross(v).length_squared();
-        let det = det0 + eps * (a0 + c0) + eps * eps;
-        let (a, c) = (a0 + eps, c0 + eps);
-
-        let mut opacity = 1.0 / (1.0 + (-f64::from(row[OPACITY_LOGIT])).exp());
-        if settings.antialias {
-            opacity *= (det0 / det).sqrt().max(COMPENSATION_MIN);
-        }
-        let alpha_min = f64::from(settings.alpha_min);
-        if opacity < alpha_min {
-            return Outcome::Culled;
-        }
-
+    #[inline(always)]
+    fn set(&mut self, place: usize, view: &View, stored: &Columns) {
+        let shape = Footprint::new(view, stored, place);
+        let Footprint { a, b, c, det, .. } = shape;
+        let opacity = shape.opacity * shape.compensation;
+        let centre = [0, 1].map(|axis| view.focal[axis] * shape.slope[axis] + view.centre[axis]);
         // alpha ≥ alpha_min where the squared Mahalanobis distance is at most `bound`.
-        let log2_opacity = opacity.log2();
-        let bound = 2.0 * LN_2 * log2_opacity + self.bound_max;
+        let log2_opacity = math::log2(opacity);
+        let bound = 2.0 * LN_2 * log2_opacity + view.bound_max;
         let extent = [(bound * a).sqrt(), (bound * c).sqrt()];
         let inverse_c = c.recip();
         let half_width = (bound * det * inverse_c).sqrt();
@@ -228,27 +242,46 @@ impl<'a> Projector<'a> {
         let falloff = [-0.5 * LOG2_E * c / det, -0.5 * LOG2_E * inverse_c];
         let shear = b * inverse_c;
         let numbers = [extent[0], extent[1], half_width, centre[0], centre[1], falloff[0], falloff[1], shear];
-        if !numbers.iter().all(|value| value.is_finite()) {
-            return Outcome::Rejected;
+        let mut zero = 0.0;
+        for number in numbers {
+            zero += number * 0.0;
         }
-        if outside(0, extent[0]) || outside(1, extent[1]) {
-            return Outcome::Culled;
-        }
+        let is_drawn = opacity >= view.alpha_min;
+        let is_shaped = (shape.norm != 0.0)
+            & (shape.stored_scale.max_element() <= f64::from(f32::MAX))
+            & (!is_drawn | (zero == 0.0));
+        let outside = view.is_outside(0, centre[0], extent[0]) | view.is_outside(1, centre[1], extent[1]);
+        self.outcome[place] =
+            if is_shaped { if is_drawn & !outside { DRAWN } else { CULLED } } else { REJECTED };
+        self.mean[0][place] = centre[0];
+        self.mean[1][place] = centre[1];
+        self.falloff[0][place] = falloff[0] as f32;
+        self.falloff[1][place] = falloff[1] as f32;
+        self.log2_opacity[place] = log2_opacity as f32;
+        self.depth[place] = shape.mean.z as f32;
+        self.extent[0][place] = extent[0] as f32;
+        self.extent[1][place] = extent[1] as f32;
+        self.shear[place] = shear as f32;
+        self.half_width[place] = half_width as f32;
+        let direction = stored.mean(place) - view.position;
+        let direction = direction * direction.length_squared().sqrt().recip();
+        self.direction[0][place] = direction.x as f32;
+        self.direction[1][place] = direction.y as f32;
+        self.direction[2][place] = direction.z as f32;
+    }
 
-        let direction = (mean - self.position).normalize().as_vec3().to_array();
-        let rgb = sh::colour::<DEGREE>(direction, sh);
-        if !rgb.iter().all(|channel| channel.is_finite()) {
-            return Outcome::Rejected;
+    #[inline(always)]
+    fn splat(&self, place: usize, rgb: [f32; 3], row: u32) -> Splat {
+        Splat {
+            mean: self.mean.map(|column| column[place]),
+            falloff: self.falloff.map(|column| column[place]),
+            log2_opacity: self.log2_opacity[place],
+            rgb,
+            depth: self.depth[place],
+            extent: self.extent.map(|column| column[place]),
+            shear: self.shear[place],
+            half_width: self.half_width[place],
+            row,
         }
-        Outcome::Visible(Splat {
-            mean: centre,
-            falloff: [falloff[0] as f32, falloff[1] as f32],
-            log2_opacity: log2_opacity as f32,
-            rgb: rgb.map(|channel| channel.max(0.0)),
-            depth: p.z as f32,
-            extent: [extent[0] as f32, extent[1] as f32],
-            shear: shear as f32,
-            half_width: half_width as f32,
-        })
     }
 }

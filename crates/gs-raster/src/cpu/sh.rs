@@ -1,46 +1,107 @@
 //! Real spherical harmonics with the Condon–Shortley sign, degree 0 to 3, m = -l..l, as the 3DGS PLY stores them.
 
-use gs_scene::{SH_C0, sh_coefficients};
+use gs_scene::SH_C0;
 
 const C1: f32 = 0.488_602_5;
 const C2: [f32; 5] = [1.092_548_4, -1.092_548_4, 0.315_391_57, -1.092_548_4, 0.546_274_2];
 const C3: [f32; 7] =
     [-0.590_043_6, 2.890_611_4, -0.457_045_8, 0.373_176_34, -0.457_045_8, 1.445_305_7, -0.590_043_6];
 
-/// ½ + Σ Y_k(direction) · sh_k per channel, before the cut at 0; `sh` is `[(degree+1)², 3]`, `direction` of unit length.
-#[inline]
-pub(crate) fn colour<const DEGREE: usize>(direction: [f32; 3], sh: &[f32]) -> [f32; 3] {
-    // One check of the length instead of one per coefficient.
-    let sh = &sh[..3 * sh_coefficients(DEGREE)];
-    let [x, y, z] = direction;
-    let mut rgb = [0.5; 3];
-    let mut add = |k: usize, basis: f32| {
-        rgb[0] += basis * sh[3 * k];
-        rgb[1] += basis * sh[3 * k + 1];
-        rgb[2] += basis * sh[3 * k + 2];
-    };
-    add(0, SH_C0);
+/// The most coefficients per channel.
+pub(super) const COEFFICIENTS_MAX: usize = 16;
+
+/// The basis in a direction of unit length; the first (DEGREE+1)² numbers are meant.
+#[inline(always)]
+pub(super) fn basis<const DEGREE: usize>([x, y, z]: [f32; 3]) -> [f32; COEFFICIENTS_MAX] {
+    let mut basis = [0.0; COEFFICIENTS_MAX];
+    basis[0] = SH_C0;
     if DEGREE >= 1 {
-        add(1, -C1 * y);
-        add(2, C1 * z);
-        add(3, -C1 * x);
+        basis[1] = -C1 * y;
+        basis[2] = C1 * z;
+        basis[3] = -C1 * x;
     }
     let (xx, yy, zz) = (x * x, y * y, z * z);
     if DEGREE >= 2 {
-        add(4, C2[0] * x * y);
-        add(5, C2[1] * y * z);
-        add(6, C2[2] * (2.0 * zz - xx - yy));
-        add(7, C2[3] * x * z);
-        add(8, C2[4] * (xx - yy));
+        basis[4] = C2[0] * x * y;
+        basis[5] = C2[1] * y * z;
+        basis[6] = C2[2] * (2.0 * zz - xx - yy);
+        basis[7] = C2[3] * x * z;
+        basis[8] = C2[4] * (xx - yy);
     }
     if DEGREE >= 3 {
-        add(9, C3[0] * y * (3.0 * xx - yy));
-        add(10, C3[1] * x * y * z);
-        add(11, C3[2] * y * (4.0 * zz - xx - yy));
-        add(12, C3[3] * z * (2.0 * zz - 3.0 * xx - 3.0 * yy));
-        add(13, C3[4] * x * (4.0 * zz - xx - yy));
-        add(14, C3[5] * z * (xx - yy));
-        add(15, C3[6] * x * (xx - 3.0 * yy));
+        basis[9] = C3[0] * y * (3.0 * xx - yy);
+        basis[10] = C3[1] * x * y * z;
+        basis[11] = C3[2] * y * (4.0 * zz - xx - yy);
+        basis[12] = C3[3] * z * (2.0 * zz - 3.0 * xx - 3.0 * yy);
+        basis[13] = C3[4] * x * (4.0 * zz - xx - yy);
+        basis[14] = C3[5] * z * (xx - yy);
+        basis[15] = C3[6] * x * (xx - 3.0 * yy);
     }
-    rgb
+    basis
+}
+
+/// The derivative of Σ weight_k Y_k by the direction, its three numbers taken as independent.
+#[inline(always)]
+pub(super) fn direction_gradient<const DEGREE: usize>(
+    [x, y, z]: [f32; 3],
+    weight: &[f32; COEFFICIENTS_MAX],
+) -> [f32; 3] {
+    let w = weight;
+    let mut gradient = [0.0; 3];
+    let mut add = |k: usize, c: f32, by: [f32; 3]| {
+        for axis in 0..3 {
+            gradient[axis] += w[k] * c * by[axis];
+        }
+    };
+    if DEGREE >= 1 {
+        add(1, -C1, [0.0, 1.0, 0.0]);
+        add(2, C1, [0.0, 0.0, 1.0]);
+        add(3, -C1, [1.0, 0.0, 0.0]);
+    }
+    if DEGREE >= 2 {
+        add(4, C2[0], [y, x, 0.0]);
+        add(5, C2[1], [0.0, z, y]);
+        add(6, C2[2], [-2.0 * x, -2.0 * y, 4.0 * z]);
+        add(7, C2[3], [z, 0.0, x]);
+        add(8, C2[4], [2.0 * x, -2.0 * y, 0.0]);
+    }
+    if DEGREE >= 3 {
+        let (xx, yy, zz) = (x * x, y * y, z * z);
+        add(9, C3[0], [6.0 * x * y, 3.0 * (xx - yy), 0.0]);
+        add(10, C3[1], [y * z, x * z, x * y]);
+        add(11, C3[2], [-2.0 * x * y, 4.0 * zz - xx - 3.0 * yy, 8.0 * y * z]);
+        add(12, C3[3], [-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * xx - 3.0 * yy]);
+        add(13, C3[4], [4.0 * zz - 3.0 * xx - yy, -2.0 * x * y, 8.0 * x * z]);
+        add(14, C3[5], [2.0 * x * z, -2.0 * y * z, xx - yy]);
+        add(15, C3[6], [3.0 * (xx - yy), -6.0 * x * y, 0.0]);
+    }
+    gradient
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_derivative_is_the_limit_of_differences() {
+        let weight: [f32; COEFFICIENTS_MAX] = std::array::from_fn(|k| ((k * 7 + 3) % 11) as f32 / 11.0 - 0.4);
+        let at = |d: [f32; 3]| -> f64 {
+            basis::<3>(d).iter().zip(&weight).map(|(b, w)| f64::from(*b) * f64::from(*w)).sum()
+        };
+        let d = [0.48, -0.6, 0.64];
+        let found = direction_gradient::<3>(d, &weight);
+        for axis in 0..3 {
+            let step = 1.0 / 64.0;
+            let moved = |sign: f32| {
+                let mut moved = d;
+                moved[axis] += sign * step;
+                at(moved)
+            };
+            // Exact for cubics up to the third derivative, which Richardson's step removes.
+            let wide = (moved(1.0) - moved(-1.0)) / (2.0 * f64::from(step));
+            let wider = (moved(2.0) - moved(-2.0)) / (4.0 * f64::from(step));
+            let expected = (4.0 * wide - wider) / 3.0;
+            assert!((f64::from(found[axis]) - expected).abs() < 1e-4, "{axis}: {} {expected}", found[axis]);
+        }
+    }
 }

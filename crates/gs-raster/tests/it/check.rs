@@ -107,13 +107,14 @@ fn pixel_gradients(loss: &Loss, alpha: &[f32], depth: &[f32]) -> PixelGradients 
 }
 
 /// The derivatives by one variable, if this renderer takes them.
-fn by(gradients: &Gradients, variable: Variable, camera: &Camera) -> Option<Vec<f64>> {
+pub(crate) fn by(gradients: &Gradients, variable: Variable, camera: &Camera) -> Option<Vec<f64>> {
     let pose = gradients.poses[0];
     match variable {
         Variable::Sh => Some(gradients.sh.iter().map(|&v| f64::from(v)).collect()),
         Variable::Background => Some(gradients.background.to_vec()),
         Variable::WorldToCamera => {
-            let row = |r: usize| [pose.rotation.row(r).to_array().as_slice(), &[pose.translation[r]]].concat();
+            let row =
+                |r: usize| [pose.rotation.row(r).to_array().as_slice(), &[pose.translation[r]]].concat();
             Some((0..3).flat_map(row).collect())
         }
         Variable::Twist => Some(pose.twist(camera).to_vec()),

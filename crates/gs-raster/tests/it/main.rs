@@ -2,6 +2,7 @@
 
 mod check;
 mod golden;
+mod gradients;
 mod hostile;
 mod properties;
 mod scenes;

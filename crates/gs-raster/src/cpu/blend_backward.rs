@@ -1,0 +1,259 @@
+//! The blending of every tile backwards: from gradients by pixels to sums per splat.
+//!
+//! A pixel's splats are walked back to front from the last that was drawn, with the numbers and decisions of the pass
+//! forward. With w = α T and q = ∂L/∂w of each splat (its colour times the pixel's gradient, and what its depth does to
+//! the expected depth), ∂L/∂α = T (q - B), where B is q of what is behind, blended as the colours are. T is divided by
+//! 1 - α at each step, the very number it was multiplied by.
+
+use super::blend::{Falloff, Limits, Lists, Local, PIXELS, Plane, Trace, centres, lanes, origin};
+use super::math::mul_add;
+use super::{Grid, TILE};
+use crate::{PixelGradients, RenderSettings};
+use multiversion::{multiversion, target::target_cfg_f};
+use rayon::prelude::*;
+use std::f32::consts::LN_2;
+
+/// Sums over pixels of s = ∂L/∂log₂α, of its products with the distances (dx, dy) of [`Falloff`], and of the gradients by
+/// colour and z-depth: s, s dx, s dx², s dy, s dy², s dx dy, red, green, blue, depth.
+pub(super) type Moments = [f32; MOMENTS];
+pub(super) const MOMENTS: usize = 10;
+
+/// The sums of all splats.
+pub(super) struct Summed {
+    /// In the order of depth, of the gradients by pixels times a power of two that makes them small: what is finite does
+    /// not overflow on the way, and what is tiny keeps its digits.
+    pub(super) moments: Vec<Moments>,
+    /// What they are to be multiplied by.
+    pub(super) unit: f64,
+}
+
+/// Sums the gradients of each splat over its pixels, and adds the gradient by the background to `background`.
+pub(super) fn sum(
+    lists: Lists,
+    settings: &RenderSettings,
+    traces: &[Trace],
+    pixels: &PixelGradients,
+    background: &mut [f64; 3],
+) -> Summed {
+    let unit = unit(pixels);
+    let limits = Limits::new(settings);
+    let blend_tile = if pixels.depth.is_some() { blend_tile::<true> } else { blend_tile::<false> };
+    let tiles: Vec<(Vec<Moments>, [f64; 3])> = traces
+        .par_iter()
+        .enumerate()
+        .map(|(index, trace)| {
+            let mut tile = Tile::new(lists.grid, index, trace, pixels, settings, unit);
+            let mut moments = vec![[0.0; MOMENTS]; lists.bins.len(index)];
+            blend_tile(&mut tile, &mut moments, lists, index, limits);
+            (moments, tile.background)
+        })
+        .collect();
+    for (_, tile) in &tiles {
+        for (sum, value) in background.iter_mut().zip(tile) {
+            *sum += unit * value;
+        }
+    }
+    // Each splat's tiles in the order in which they are listed, whoever sums them.
+    let chunks: Vec<Vec<Moments>> = lists
+        .bins
+        .places()
+        .into_par_iter()
+        .map(|places| {
+            let mut sums = Vec::with_capacity(places.len());
+            places.for_each(|places| {
+                let mut sum = [0.0; MOMENTS];
+                for &(tile, place) in places {
+                    for (sum, &value) in sum.iter_mut().zip(&tiles[tile].0[place]) {
+                        *sum += f64::from(value);
+                    }
+                }
+                sums.push(sum.map(|value| finite(value)));
+            });
+            sums
+        })
+        .collect();
+    Summed { moments: chunks.concat(), unit }
+}
+
+/// A number as f32: at most the largest there is, and 0 for what is none.
+pub(super) fn finite(value: f64) -> f32 {
+    if value.is_nan() { 0.0 } else { value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32 }
+}
+
+/// The power of two in which gradients by pixels are at most 2⁻²³.
+fn unit(pixels: &PixelGradients) -> f64 {
+    let planes = [Some(&pixels.image), pixels.alpha.as_ref(), pixels.depth.as_ref()];
+    let largest =
+        planes.into_iter().flatten().flatten().fold(0.0f32, |largest, value| largest.max(value.abs()));
+    // 2^e ≤ largest < 2^(e+1), where f64 has no denormals that f32 could reach.
+    let exponent = if largest > 0.0 { (f64::from(largest).to_bits() >> 52) as i32 - 1023 } else { 0 };
+    f64::from(exponent + 24).exp2()
+}
+
+/// The pixels of a tile on the way back.
+#[repr(align(64))]
+struct Tile {
+    /// The gradients by colour and, divided by Σ w, by expected depth.
+    rgb: [Plane; 3],
+    depth: Plane,
+    /// Expected depth, from `nearest`.
+    expected: Plane,
+    nearest: f32,
+    /// What is left of the light from behind, after the splats that are still to come.
+    transmittance: Plane,
+    /// B: what is behind, blended as if nothing stood before it.
+    behind: Plane,
+    /// As in [`Trace`].
+    last: Plane<u32>,
+    /// Σ gradient by colour times what shows of the background.
+    background: [f64; 3],
+}
+
+impl Tile {
+    fn new(
+        grid: Grid,
+        index: usize,
+        trace: &Trace,
+        pixels: &PixelGradients,
+        settings: &RenderSettings,
+        unit: f64,
+    ) -> Box<Self> {
+        let mut tile = Box::new(Self {
+            rgb: [[0.0; PIXELS]; 3],
+            depth: [0.0; PIXELS],
+            expected: [0.0; PIXELS],
+            nearest: trace.nearest,
+            transmittance: trace.transmittance.map(f32::abs),
+            behind: [0.0; PIXELS],
+            last: trace.last,
+            background: [0.0; 3],
+        });
+        let inverse = unit.recip();
+        let scaled = |value: f32| (f64::from(value) * inverse) as f32;
+        let (column, row) = (index % grid.columns * TILE, index / grid.columns * TILE);
+        for y in row..grid.height.min(row + TILE) {
+            for x in column..grid.width.min(column + TILE) {
+                let (pixel, at) = ((y - row) * TILE + x - column, y * grid.width + x);
+                let transmittance = tile.transmittance[pixel];
+                let mut behind = 0.0;
+                for channel in 0..3 {
+                    let gradient = scaled(pixels.image[at * 3 + channel]);
+                    tile.rgb[channel][pixel] = gradient;
+                    behind += gradient * settings.background[channel];
+                    tile.background[channel] += f64::from(gradient) * f64::from(transmittance);
+                }
+                if let Some(alpha) = &pixels.alpha {
+                    behind -= scaled(alpha[at]);
+                }
+                tile.behind[pixel] = behind;
+                if let Some(depth) = &pixels.depth
+                    && trace.weight[pixel] > 0.0
+                {
+                    tile.depth[pixel] = scaled(depth[at]) / trace.weight[pixel];
+                    tile.expected[pixel] = trace.depth[pixel] / trace.weight[pixel];
+                }
+            }
+        }
+        tile
+    }
+}
+
+/// The moments of the splats of tile number `index`, in the order of its list.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
+fn blend_tile<const DEPTH: bool>(
+    tile: &mut Tile,
+    moments: &mut [Moments],
+    lists: Lists,
+    index: usize,
+    limits: Limits,
+) {
+    if target_cfg_f!(target_feature = "avx512f") {
+        blend_tile_with::<DEPTH, true, 16>(tile, moments, lists, index, limits);
+    } else if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
+        blend_tile_with::<DEPTH, true, 8>(tile, moments, lists, index, limits);
+    } else {
+        blend_tile_with::<DEPTH, false, 8>(tile, moments, lists, index, limits);
+    }
+}
+
+#[inline(always)]
+fn blend_tile_with<const DEPTH: bool, const FMA: bool, const L: usize>(
+    tile: &mut Tile,
+    moments: &mut [Moments],
+    lists: Lists,
+    index: usize,
+    limits: Limits,
+) {
+    let centres = centres();
+    let origin = origin(lists.grid, index);
+    let deepest = tile.last.iter().copied().fold(0, u32::max);
+    let mut place = moments.len() as u32 + 1;
+    for &splat in lists.bins.pieces(index).rev().flat_map(|piece| piece.iter().rev()) {
+        place -= 1;
+        if place > deepest {
+            continue;
+        }
+        let splat = lists.splats.get(splat);
+        let local = Local::new::<L>(splat, origin);
+        let mut sums = [[0.0; L]; MOMENTS];
+        for row in local.first..local.end {
+            for step in local.first_step..local.end_step {
+                let at = row * TILE + step * L;
+                let falloff = Falloff::<L>::new::<FMA>(splat, &local, &centres, row, step, limits);
+                let rgb = [0, 1, 2].map(|channel| *lanes::<_, L>(&mut tile.rgb[channel], at));
+                let depth = *lanes::<_, L>(&mut tile.depth, at);
+                let expected = *lanes::<_, L>(&mut tile.expected, at);
+                let last = *lanes::<_, L>(&mut tile.last, at);
+                let transmittance = lanes::<_, L>(&mut tile.transmittance, at);
+                let behind = lanes::<_, L>(&mut tile.behind, at);
+                for lane in 0..L {
+                    let drawn = falloff.drawn[lane] & (place <= last[lane]);
+                    let alpha = falloff.alpha[lane];
+                    let before = transmittance[lane] / (1.0 - alpha);
+                    let weight = if drawn { before * alpha } else { 0.0 };
+                    let mut q = rgb[0][lane] * splat.rgb[0];
+                    q = mul_add::<FMA>(rgb[1][lane], splat.rgb[1], q);
+                    q = mul_add::<FMA>(rgb[2][lane], splat.rgb[2], q);
+                    if DEPTH {
+                        q = mul_add::<FMA>(depth[lane], splat.depth - tile.nearest - expected[lane], q);
+                    }
+                    let nearer = q - behind[lane];
+                    let follows = drawn & !falloff.clamped[lane];
+                    let s = if follows { LN_2 * alpha * before * nearer } else { 0.0 };
+                    behind[lane] = mul_add::<FMA>(if drawn { alpha } else { 0.0 }, nearer, behind[lane]);
+                    transmittance[lane] = if drawn { before } else { transmittance[lane] };
+
+                    let (dx, dy) = (falloff.dx[lane], falloff.dy);
+                    let (s_dx, s_dy) = (s * dx, s * dy);
+                    sums[0][lane] += s;
+                    sums[1][lane] += s_dx;
+                    sums[2][lane] = mul_add::<FMA>(s_dx, dx, sums[2][lane]);
+                    sums[3][lane] += s_dy;
+                    sums[4][lane] = mul_add::<FMA>(s_dy, dy, sums[4][lane]);
+                    sums[5][lane] = mul_add::<FMA>(s_dx, dy, sums[5][lane]);
+                    for channel in 0..3 {
+                        sums[6 + channel][lane] =
+                            mul_add::<FMA>(weight, rgb[channel][lane], sums[6 + channel][lane]);
+                    }
+                    if DEPTH {
+                        sums[9][lane] = mul_add::<FMA>(weight, depth[lane], sums[9][lane]);
+                    }
+                }
+            }
+        }
+        moments[place as usize - 1] = sums.map(total);
+    }
+}
+
+/// The sum of all lanes, in pairs.
+#[inline(always)]
+fn total<const L: usize>(mut lanes: [f32; L]) -> f32 {
+    let mut half = L / 2;
+    while half > 0 {
+        for lane in 0..half {
+            lanes[lane] += lanes[lane + half];
+        }
+        half /= 2;
+    }
+    lanes[0]
+}

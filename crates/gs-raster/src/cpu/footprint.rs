@@ -1,0 +1,237 @@
+//! The EWA projection of a Gaussian (Zwicker et al. 2001), shared by the pass forward and the pass backward.
+//!
+//! In f64, and rounded once by the callers: scenes far from the origin, needles and huge scales keep their precision. No
+//! branches and no calls, so that loops over Gaussians become vector instructions; what is not drawn gives any
+//! number, NaN included.
+
+use super::math;
+use crate::RenderSettings;
+use crate::settings::COMPENSATION_MIN;
+use glam::{DMat3, DQuat, DVec3};
+use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
+
+/// Gaussians that go through the arithmetic together.
+pub(super) const BLOCK: usize = 64;
+/// Added to the squared Mahalanobis distance that bounds a footprint: far above the rounding of the blending stage,
+/// which takes the decision itself, and too small to cost anything.
+const BOUND_SLACK: f64 = 1e-3;
+/// Longest standard deviation of a footprint, pixels. Longer axes are shortened, not thickened: over an image, no
+/// falloff changes by more than rounding, and the footprint's numbers and their squares fit f32. What is centred so much
+/// farther outside than this is not drawn.
+const SIGMA_MAX: f64 = 1e12;
+
+/// What is the same for all Gaussians of a view.
+pub(super) struct View {
+    pub(super) rotation: DMat3,
+    pub(super) translation: DVec3,
+    /// Camera centre, world.
+    pub(super) position: DVec3,
+    /// In x and y, pixels; as is the principal point `centre`.
+    pub(super) focal: [f64; 2],
+    pub(super) centre: [f64; 2],
+    pub(super) size: [f64; 2],
+    /// Least and largest x/z and y/z at which the Jacobian is evaluated: the image and 15 % of its size around it.
+    slope_min: [f64; 2],
+    slope_max: [f64; 2],
+    /// Least and largest z-depth of a centre that is drawn, exclusive. At most what f32 can hold.
+    pub(super) near: f64,
+    pub(super) far: f64,
+    pub(super) alpha_min: f64,
+    pub(super) eps2d: f64,
+    pub(super) antialias: bool,
+    /// Squared Mahalanobis distance that bounds the footprint of an opaque Gaussian.
+    pub(super) bound_max: f64,
+}
+
+impl View {
+    pub(super) fn new(camera: &Camera, settings: &RenderSettings) -> Self {
+        let lens = camera.intrinsics();
+        let (focal, centre) = ([lens.fx, lens.fy], [lens.cx, lens.cy]);
+        let size = [lens.width as f64, lens.height as f64];
+        let margin = |axis: usize| 0.15 * size[axis] / focal[axis];
+        Self {
+            rotation: camera.rotation(),
+            translation: camera.translation(),
+            position: camera.position(),
+            focal,
+            centre,
+            size,
+            slope_min: [0, 1].map(|axis| -centre[axis] / focal[axis] - margin(axis)),
+            slope_max: [0, 1].map(|axis| (size[axis] - centre[axis]) / focal[axis] + margin(axis)),
+            near: f64::from(settings.near),
+            far: f64::from(settings.far.min(f32::MAX)),
+            alpha_min: f64::from(settings.alpha_min),
+            eps2d: f64::from(settings.eps2d),
+            antialias: settings.antialias,
+            bound_max: -2.0 * f64::from(settings.alpha_min).ln() + BOUND_SLACK,
+        }
+    }
+
+    /// The slope at which the Jacobian is evaluated.
+    #[inline(always)]
+    pub(super) fn clamp(&self, axis: usize, slope: f64) -> f64 {
+        slope.max(self.slope_min[axis]).min(self.slope_max[axis])
+    }
+
+    /// Whether what reaches `extent` pixels around `centre` misses every pixel centre.
+    #[inline(always)]
+    pub(super) fn is_outside(&self, axis: usize, centre: f64, extent: f64) -> bool {
+        (centre + extent < 0.5) | (centre - extent > self.size[axis] - 0.5)
+    }
+}
+
+/// The stored geometry of some Gaussians, column by column.
+pub(super) struct Columns([[f32; BLOCK]; Gaussians::GEOMETRY]);
+
+impl Columns {
+    pub(super) fn new() -> Self {
+        Self([[0.0; BLOCK]; Gaussians::GEOMETRY])
+    }
+
+    /// Puts a row of stored geometry at `place`.
+    #[inline(always)]
+    pub(super) fn set(&mut self, place: usize, row: &[f32]) {
+        let row: &[f32; Gaussians::GEOMETRY] = row.try_into().expect("a row of geometry");
+        for (column, value) in self.0.iter_mut().zip(row) {
+            column[place] = *value;
+        }
+    }
+
+    /// Moves a row to an earlier place.
+    #[inline(always)]
+    pub(super) fn copy(&mut self, from: usize, to: usize) {
+        for column in &mut self.0 {
+            column[to] = column[from];
+        }
+    }
+
+    /// Whether every number at `place` is finite.
+    #[inline(always)]
+    pub(super) fn is_finite(&self, place: usize) -> bool {
+        let mut zero = 0.0;
+        for column in &self.0 {
+            zero += column[place] * 0.0;
+        }
+        zero == 0.0
+    }
+
+    #[inline(always)]
+    fn vector(&self, first: usize, place: usize) -> DVec3 {
+        let column = |k: usize| f64::from(self.0[first + k][place]);
+        DVec3::new(column(0), column(1), column(2))
+    }
+
+    #[inline(always)]
+    pub(super) fn mean(&self, place: usize) -> DVec3 {
+        self.vector(MEAN.start, place)
+    }
+
+    #[inline(always)]
+    pub(super) fn log_scale(&self, place: usize) -> DVec3 {
+        self.vector(LOG_SCALE.start, place)
+    }
+
+    #[inline(always)]
+    pub(super) fn quaternion(&self, place: usize) -> DQuat {
+        let column = |k: usize| f64::from(self.0[QUATERNION.start + k][place]);
+        DQuat::from_xyzw(column(1), column(2), column(3), column(0))
+    }
+
+    #[inline(always)]
+    pub(super) fn logit(&self, place: usize) -> f64 {
+        f64::from(self.0[OPACITY_LOGIT][place])
+    }
+}
+
+/// One Gaussian as one view sees it, before anything is bounded.
+pub(super) struct Footprint {
+    /// The mean in camera axes.
+    pub(super) mean: DVec3,
+    pub(super) inverse_z: f64,
+    /// x/z and y/z, as they are and as they enter the Jacobian.
+    pub(super) slope: [f64; 2],
+    pub(super) clamped: [f64; 2],
+    /// Length of the stored quaternion, which is of unit length in `quaternion`.
+    pub(super) norm: f64,
+    pub(super) quaternion: DQuat,
+    /// Columns: the Gaussian's axes in the world.
+    pub(super) axes: DMat3,
+    /// Standard deviations as stored and as drawn, see [`SIGMA_MAX`].
+    pub(super) stored_scale: DVec3,
+    pub(super) scale: DVec3,
+    /// Rows of J · Rv, J the Jacobian of the projection: in the world's axes and in the Gaussian's.
+    pub(super) jacobian: [DVec3; 2],
+    pub(super) turned: [DVec3; 2],
+    /// Rows of V = J · Rv · R · S.
+    pub(super) rows: [DVec3; 2],
+    /// Determinants of V Vᵀ and of the 2D covariance [a b; b c].
+    pub(super) det0: f64,
+    pub(super) det: f64,
+    pub(super) a: f64,
+    pub(super) b: f64,
+    pub(super) c: f64,
+    /// Opacity as stored, and what compensates it for the low-pass filter.
+    pub(super) opacity: f64,
+    pub(super) compensation: f64,
+    /// Whether the compensation is that of the footprint, not the least one.
+    pub(super) compensates: bool,
+}
+
+impl Footprint {
+    #[inline(always)]
+    pub(super) fn new(view: &View, stored: &Columns, place: usize) -> Self {
+        let mean = view.rotation * stored.mean(place) + view.translation;
+        let inverse_z = mean.z.recip();
+        let slope = [mean.x * inverse_z, mean.y * inverse_z];
+        let clamped = [view.clamp(0, slope[0]), view.clamp(1, slope[1])];
+
+        let quaternion = stored.quaternion(place);
+        let norm = quaternion.length();
+        let quaternion = quaternion * norm.recip();
+        let axes = DMat3::from_quat(quaternion);
+        let log_scale = stored.log_scale(place);
+        let stored_scale = DVec3::new(math::exp(log_scale.x), math::exp(log_scale.y), math::exp(log_scale.z));
+        let scale = stored_scale.min(DVec3::splat(SIGMA_MAX * mean.z / view.focal[0].max(view.focal[1])));
+
+        let forward = view.rotation.row(2);
+        let jacobian =
+            [0, 1].map(|i| (view.rotation.row(i) - forward * clamped[i]) * (view.focal[i] * inverse_z));
+        let turned =
+            jacobian.map(|row| DVec3::new(row.dot(axes.x_axis), row.dot(axes.y_axis), row.dot(axes.z_axis)));
+        let rows = turned.map(|row| row * scale);
+        // The determinant as a sum of positive terms (Cauchy–Binet), because a c - b² cancels for needles.
+        let [u, v] = rows;
+        let (a0, b, c0) = (u.length_squared(), u.dot(v), v.length_squared());
+        let det0 = u.cross(v).length_squared();
+        let eps = view.eps2d;
+        let det = det0 + eps * (a0 + c0) + eps * eps;
+
+        let opacity = 1.0 / (1.0 + math::exp(-stored.logit(place)));
+        let ratio = (det0 / det).sqrt();
+        let least = if view.antialias { f64::from(COMPENSATION_MIN) } else { 1.0 };
+        let compensates = view.antialias & (ratio > least);
+        let compensation = if compensates { ratio } else { least };
+        Self {
+            mean,
+            inverse_z,
+            slope,
+            clamped,
+            norm,
+            quaternion,
+            axes,
+            stored_scale,
+            scale,
+            jacobian,
+            turned,
+            rows,
+            det0,
+            det,
+            a: a0 + eps,
+            b,
+            c: c0 + eps,
+            opacity,
+            compensation,
+            compensates,
+        }
+    }
+}

@@ -1,0 +1,300 @@
+//! From sums per splat to gradients by what is stored and by the pose: [`Footprint`] and the colours backwards, in f64.
+
+use super::blend_backward::{MOMENTS, Summed, finite};
+use super::footprint::{BLOCK, Columns, Footprint, View};
+use super::project::{CHUNK, Splat, Splats};
+use super::{math, sh};
+use crate::{Gradients, PoseGradient, RenderSettings};
+use glam::{DMat3, DQuat, DVec3};
+use gs_scene::{Camera, Gaussians, sh_coefficients};
+use multiversion::multiversion;
+use rayon::prelude::*;
+use std::f64::consts::{LN_2, LOG2_E};
+
+/// Adds the gradients of the splats, whose sums are in `order`, to `gradients`; returns those by the pose.
+pub(super) fn project_backward(
+    gaussians: &Gaussians,
+    camera: &Camera,
+    settings: &RenderSettings,
+    splats: &Splats,
+    order: &[u32],
+    summed: &Summed,
+    gradients: &mut Gradients,
+) -> PoseGradient {
+    let mut places = vec![0; splats.end()];
+    for (place, &index) in (0u32..).zip(order) {
+        places[index as usize] = place;
+    }
+    let view = View::new(camera, settings);
+    let degree = gaussians.sh_degree();
+    let chunk_backward = match degree {
+        0 => chunk_backward::<0>,
+        1 => chunk_backward::<1>,
+        2 => chunk_backward::<2>,
+        _ => chunk_backward::<3>,
+    };
+    let sh_row = sh_coefficients(degree) * 3;
+    let poses: Vec<PoseGradient> = splats
+        .chunks()
+        .zip(places.par_chunks(CHUNK))
+        .zip(gaussians.geometry().par_chunks(CHUNK * Gaussians::GEOMETRY))
+        .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
+        .zip(gradients.geometry.par_chunks_mut(CHUNK * Gaussians::GEOMETRY))
+        .zip(gradients.sh.par_chunks_mut(CHUNK * sh_row))
+        .map(|(((((splats, places), geometry), sh), geometry_gradients), sh_gradients)| {
+            let chunk = Chunk { splats, places, geometry, sh, geometry_gradients, sh_gradients };
+            chunk_backward(chunk, &view, summed)
+        })
+        .collect();
+    let mut sum = PoseGradient { rotation: DMat3::ZERO, translation: DVec3::ZERO };
+    for pose in poses {
+        sum.rotation += pose.rotation;
+        sum.translation += pose.translation;
+    }
+    sum
+}
+
+/// Gaussians of one task.
+struct Chunk<'a> {
+    splats: &'a [Splat],
+    /// Where the sums of each splat are.
+    places: &'a [u32],
+    geometry: &'a [f32],
+    sh: &'a [f32],
+    geometry_gradients: &'a mut [f32],
+    sh_gradients: &'a mut [f32],
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
+fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summed) -> PoseGradient {
+    let coefficients = sh_coefficients(DEGREE);
+    let mut stored = Columns::new();
+    let mut block = Block::new();
+    for (splats, places) in chunk.splats.chunks(BLOCK).zip(chunk.places.chunks(BLOCK)) {
+        block.active = [false; BLOCK];
+        for (at, (splat, &place)) in splats.iter().zip(places).enumerate() {
+            let row = splat.row as usize;
+            stored.set(at, &chunk.geometry[row * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY]);
+            let moments = &summed.moments[place as usize];
+            block.active[at] = moments.iter().any(|&moment| moment != 0.0);
+            for (column, &moment) in block.moments.iter_mut().zip(moments) {
+                column[at] = moment;
+            }
+            let rgb = color_gradient(splat, moments);
+            let sh = &chunk.sh[row * coefficients * 3..][..coefficients * 3];
+            for k in 0..coefficients {
+                block.weights[k][at] = sh[3 * k] * rgb[0] + sh[3 * k + 1] * rgb[1] + sh[3 * k + 2] * rgb[2];
+            }
+        }
+        for at in 0..BLOCK {
+            block.colour_backward::<DEGREE>(at, view, &stored);
+        }
+        for at in 0..BLOCK {
+            block.backward(at, view, &stored);
+        }
+        for (at, splat) in splats.iter().enumerate() {
+            if !block.active[at] {
+                continue;
+            }
+            let row = splat.row as usize;
+            let found = &mut chunk.geometry_gradients[row * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY];
+            for (found, column) in found.iter_mut().zip(&block.geometry) {
+                *found = finite(f64::from(*found) + summed.unit * column[at]);
+            }
+            let rgb = color_gradient(splat, &summed.moments[places[at] as usize]);
+            let found = &mut chunk.sh_gradients[row * coefficients * 3..][..coefficients * 3];
+            for k in 0..coefficients {
+                for channel in 0..3 {
+                    let gradient = f64::from(block.basis[k][at] * rgb[channel]);
+                    let found = &mut found[3 * k + channel];
+                    *found = finite(f64::from(*found) + summed.unit * gradient);
+                }
+            }
+        }
+    }
+    block.pose(summed.unit)
+}
+
+/// The gradient by the colour before it was cut at 0.
+#[inline(always)]
+fn color_gradient(splat: &Splat, moments: &[f32; MOMENTS]) -> [f32; 3] {
+    std::array::from_fn(
+        |channel| {
+            if splat.rgb[channel].is_sign_negative() { 0.0 } else { moments[6 + channel] }
+        },
+    )
+}
+
+/// Some Gaussians, column by column.
+struct Block {
+    /// Whether the Gaussian has any gradient; elsewhere all columns may hold anything.
+    active: [bool; BLOCK],
+    moments: [[f32; BLOCK]; MOMENTS],
+    /// Per SH coefficient, the gradient by its basis function; and the basis.
+    weights: [[f32; BLOCK]; sh::COEFFICIENTS_MAX],
+    basis: [[f32; BLOCK]; sh::COEFFICIENTS_MAX],
+    /// The gradient by the mean through the direction of the view.
+    shift: [[f64; BLOCK]; 3],
+    geometry: [[f64; BLOCK]; Gaussians::GEOMETRY],
+    /// Sums over blocks: by rotation, column by column, and by translation.
+    pose: [[f64; BLOCK]; 12],
+}
+
+impl Block {
+    fn new() -> Self {
+        Self {
+            active: [false; BLOCK],
+            moments: [[0.0; BLOCK]; MOMENTS],
+            weights: [[0.0; BLOCK]; sh::COEFFICIENTS_MAX],
+            basis: [[0.0; BLOCK]; sh::COEFFICIENTS_MAX],
+            shift: [[0.0; BLOCK]; 3],
+            geometry: [[0.0; BLOCK]; Gaussians::GEOMETRY],
+            pose: [[0.0; BLOCK]; 12],
+        }
+    }
+
+    #[inline(always)]
+    fn colour_backward<const DEGREE: usize>(&mut self, at: usize, view: &View, stored: &Columns) {
+        let offset = stored.mean(at) - view.position;
+        let inverse = offset.length_squared().sqrt().recip();
+        let direction = offset * inverse;
+        let d = [direction.x as f32, direction.y as f32, direction.z as f32];
+        let basis = sh::basis::<DEGREE>(d);
+        let mut weights = [0.0; sh::COEFFICIENTS_MAX];
+        for k in 0..sh_coefficients(DEGREE) {
+            self.basis[k][at] = basis[k];
+            weights[k] = self.weights[k][at];
+        }
+        let g = sh::direction_gradient::<DEGREE>(d, &weights);
+        let g = DVec3::new(f64::from(g[0]), f64::from(g[1]), f64::from(g[2]));
+        let shift = (g - direction * direction.dot(g)) * inverse;
+        self.shift[0][at] = shift.x;
+        self.shift[1][at] = shift.y;
+        self.shift[2][at] = shift.z;
+    }
+
+    #[inline(always)]
+    fn backward(&mut self, at: usize, view: &View, stored: &Columns) {
+        let shape = Footprint::new(view, stored, at);
+        let moment = |k: usize| f64::from(self.moments[k][at]);
+        let [s, s_dx, s_dxdx, s_dy, s_dydy, s_dxdy] = [0, 1, 2, 3, 4, 5].map(moment);
+        let by_z = moment(9);
+
+        // log₂ α = p dx² + r dy² + log₂ opacity with dx = x - mean_x - shear (y - mean_y), p = k / m, r = k / c, where m =
+        // a - b² / c is the variance along a row, and shear = b / c.
+        let Footprint { b, c, det, .. } = shape;
+        let k = -0.5 * LOG2_E;
+        let inverse_c = c.recip();
+        let inverse_m = c / det;
+        let (p, r, shear) = (k * inverse_m, k * inverse_c, b * inverse_c);
+        let by_centre = [-2.0 * p * s_dx, 2.0 * (p * shear * s_dx - r * s_dy)];
+        let by_m = -p * inverse_m * s_dxdx;
+        let by_c = -r * inverse_c * s_dydy;
+        let by_b = -2.0 * p * s_dxdy * inverse_c;
+        // m, shear and c by the rows of V. What is left of the first without the second keeps needles exact.
+        let [u, v] = shape.rows;
+        let rest = u - v * shear;
+        let mut by_u = rest * (2.0 * by_m) + v * by_b;
+        let mut by_v = rest * (-2.0 * shear * by_m) + (u - v * (2.0 * shear)) * by_b + v * (2.0 * by_c);
+
+        // The opacity times the compensation √(det0 / det); both by their logarithms.
+        let by_log = s / LN_2;
+        let by_logit = by_log / (1.0 + math::exp(stored.logit(at)));
+        let normal = u.cross(v);
+        let eps = view.eps2d;
+        let squares = u.length_squared() + v.length_squared() + eps;
+        let by_normal = by_log * eps * squares / (shape.det0 * det);
+        let by_eps = by_log * eps / det;
+        if shape.compensates {
+            by_u += v.cross(normal) * by_normal - u * by_eps;
+            by_v += normal.cross(u) * by_normal - v * by_eps;
+        }
+
+        // V = J Rv R S.
+        let scale = shape.scale;
+        let [turned_u, turned_v] = shape.turned;
+        let by_scale = by_u * turned_u + by_v * turned_v;
+        let by_log_scale = by_scale * scale;
+        let limited = shape.stored_scale;
+        let by_log_scale = DVec3::new(
+            if scale.x < limited.x { 0.0 } else { by_log_scale.x },
+            if scale.y < limited.y { 0.0 } else { by_log_scale.y },
+            if scale.z < limited.z { 0.0 } else { by_log_scale.z },
+        );
+        let by_turned = [by_u * scale, by_v * scale];
+        let by_jacobian = by_turned.map(|by| shape.axes * by);
+        let [ju, jv] = shape.jacobian;
+        let [tu, tv] = by_turned;
+        let by_axes = DMat3::from_cols(ju * tu.x + jv * tv.x, ju * tu.y + jv * tv.y, ju * tu.z + jv * tv.z);
+        let by_quaternion = quaternion_gradient(shape.quaternion, by_axes) * shape.norm.recip();
+
+        // J at the clamped slope, and the centre at the slope itself.
+        let forward = view.rotation.row(2);
+        let by_row = [0, 1].map(|i| by_jacobian[i] * (view.focal[i] * shape.inverse_z));
+        let by_slope = [0, 1].map(|i| {
+            let through_jacobian =
+                if shape.slope[i] == shape.clamped[i] { -forward.dot(by_row[i]) } else { 0.0 };
+            view.focal[i] * by_centre[i] + through_jacobian
+        });
+        let shrink = by_slope[0] * shape.slope[0]
+            + by_slope[1] * shape.slope[1]
+            + ju.dot(by_jacobian[0])
+            + jv.dot(by_jacobian[1]);
+        let inverse_z = shape.inverse_z;
+        let by_mean = DVec3::new(by_slope[0] * inverse_z, by_slope[1] * inverse_z, by_z - shrink * inverse_z);
+        let by_forward = by_row[0] * -shape.clamped[0] - by_row[1] * shape.clamped[1];
+
+        let mean = stored.mean(at);
+        let shift = DVec3::new(self.shift[0][at], self.shift[1][at], self.shift[2][at]);
+        let (r, t) = (view.rotation, view.translation);
+        let world = DVec3::new(r.x_axis.dot(by_mean), r.y_axis.dot(by_mean), r.z_axis.dot(by_mean)) + shift;
+        // The camera centre is -Rᵀ t; the colours move with it as they do with the mean, the other way.
+        let by_translation = by_mean + r * shift;
+        let column = |mean: f64, shift: f64, rows: [f64; 3]| by_mean * mean + t * shift + DVec3::from(rows);
+        let by_x = column(mean.x, shift.x, [by_row[0].x, by_row[1].x, by_forward.x]);
+        let by_y = column(mean.y, shift.y, [by_row[0].y, by_row[1].y, by_forward.y]);
+        let by_z = column(mean.z, shift.z, [by_row[0].z, by_row[1].z, by_forward.z]);
+
+        let q = by_quaternion;
+        let l = by_log_scale;
+        let geometry = [world.x, world.y, world.z, q.w, q.x, q.y, q.z, l.x, l.y, l.z, by_logit];
+        for (column, value) in self.geometry.iter_mut().zip(geometry) {
+            column[at] = value;
+        }
+        let active = self.active[at];
+        let pose = [by_x, by_y, by_z, by_translation];
+        for (sums, by) in self.pose.chunks_exact_mut(3).zip(pose) {
+            sums[0][at] += if active { by.x } else { 0.0 };
+            sums[1][at] += if active { by.y } else { 0.0 };
+            sums[2][at] += if active { by.z } else { 0.0 };
+        }
+    }
+
+    /// The sums over all blocks, times `unit`.
+    fn pose(&self, unit: f64) -> PoseGradient {
+        let sums = self.pose.map(|column| {
+            let sum = unit * column.iter().sum::<f64>();
+            if sum.is_nan() { 0.0 } else { sum.clamp(f64::MIN, f64::MAX) }
+        });
+        PoseGradient {
+            rotation: DMat3::from_cols_slice(&sums[..9]),
+            translation: DVec3::from_slice(&sums[9..]),
+        }
+    }
+}
+
+/// The derivative by a quaternion of unit length, through its normalisation, of what has `by` as derivative by its matrix.
+#[inline(always)]
+fn quaternion_gradient(q: DQuat, by: DMat3) -> DQuat {
+    let DQuat { w, x, y, z } = q;
+    let (c0, c1, c2) = (by.x_axis, by.y_axis, by.z_axis);
+    let (xy, xz, yz) = (c1.x + c0.y, c2.x + c0.z, c2.y + c1.z);
+    let (turn_x, turn_y, turn_z) = (c1.z - c2.y, c2.x - c0.z, c0.y - c1.x);
+    let gradient = DQuat::from_xyzw(
+        2.0 * (y * xy + z * xz + w * turn_x) - 4.0 * x * (c1.y + c2.z),
+        2.0 * (x * xy + z * yz + w * turn_y) - 4.0 * y * (c0.x + c2.z),
+        2.0 * (x * xz + y * yz + w * turn_z) - 4.0 * z * (c0.x + c1.y),
+        2.0 * (x * turn_x + y * turn_y + z * turn_z),
+    );
+    gradient - q * q.dot(gradient)
+}
