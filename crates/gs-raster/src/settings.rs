@@ -1,8 +1,6 @@
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Least opacity compensation of [`RenderSettings::antialias`], so that tiny Gaussians do not vanish.
-pub(crate) const COMPENSATION_MIN: f32 = 0.005;
 /// The most pairs of Gaussian and tile that are listed: 1 GiB of indices.
 pub(crate) const INTERSECTIONS_MAX: u64 = 1 << 28;
 
@@ -20,6 +18,8 @@ pub struct RenderSettings {
     /// Compensate the opacity of Gaussians smaller than a pixel for the low-pass filter (Mip-Splatting, Yu et al.
     /// 2024, section 4.2). Default off.
     pub antialias: bool,
+    /// Least factor of that compensation, so that tiny Gaussians do not vanish. Default 0.005.
+    pub compensation_min: f32,
     /// Render the expected depth as well. Default off: it costs time.
     pub depth: bool,
     /// Largest opacity of one Gaussian in one pixel. Default 0.99.
@@ -39,6 +39,7 @@ impl Default for RenderSettings {
             near: 0.01,
             far: 1e10,
             antialias: false,
+            compensation_min: 0.005,
             depth: false,
             alpha_max: 0.99,
             alpha_min: 1.0 / 255.0,
@@ -78,6 +79,12 @@ impl RenderSettings {
             ),
             ("eps2d", self.eps2d, (1e-6..1e6).contains(&self.eps2d), "a number from 1e-6 to 1e6"),
         ];
+        let rules = rules.into_iter().chain([(
+            "compensation_min",
+            self.compensation_min,
+            (0.0..=1.0).contains(&self.compensation_min),
+            "a number from 0 to 1",
+        )]);
         for (name, found, in_range, expected) in rules {
             if !in_range {
                 return Err(Error::Setting { name, found, expected });
@@ -107,6 +114,7 @@ mod tests {
             ("alpha_max", RenderSettings { alpha_max: 0.001, ..good }),
             ("transmittance_min", RenderSettings { transmittance_min: 0.0, ..good }),
             ("eps2d", RenderSettings { eps2d: 0.0, ..good }),
+            ("compensation_min", RenderSettings { compensation_min: nan, ..good }),
         ];
         for (expected, settings) in bad {
             match settings.check() {

@@ -48,7 +48,8 @@ pub fn frame(camera: &Camera, profile: &Profile, background: [f32; 3], n_gaussia
         transmittance_min: profile.transmittance_min as f32,
         compensation_min: profile.compensation_min as f32,
         pair_capacity: u32::MAX,
-        padding: [0; 2],
+        zero: 0,
+        padding: 0,
     }
 }
 

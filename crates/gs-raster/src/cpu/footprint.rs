@@ -6,7 +6,6 @@
 
 use super::math;
 use crate::RenderSettings;
-use crate::settings::COMPENSATION_MIN;
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 
@@ -39,6 +38,8 @@ pub(super) struct View {
     pub(super) alpha_min: f64,
     pub(super) eps2d: f64,
     pub(super) antialias: bool,
+    /// Least factor of the compensation.
+    compensation_min: f64,
     /// Squared Mahalanobis distance that bounds the footprint of an opaque Gaussian.
     pub(super) bound_max: f64,
 }
@@ -63,6 +64,7 @@ impl View {
             alpha_min: f64::from(settings.alpha_min),
             eps2d: f64::from(settings.eps2d),
             antialias: settings.antialias,
+            compensation_min: f64::from(settings.compensation_min),
             bound_max: -2.0 * f64::from(settings.alpha_min).ln() + BOUND_SLACK,
         }
     }
@@ -208,7 +210,7 @@ impl Footprint {
 
         let opacity = 1.0 / (1.0 + math::exp(-stored.logit(place)));
         let ratio = (det0 / det).sqrt();
-        let least = if view.antialias { f64::from(COMPENSATION_MIN) } else { 1.0 };
+        let least = if view.antialias { view.compensation_min } else { 1.0 };
         let compensates = view.antialias & (ratio > least);
         let compensation = if compensates { ratio } else { least };
         Self {

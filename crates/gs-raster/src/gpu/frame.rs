@@ -1,7 +1,6 @@
 //! The uniform that all passes of a view share.
 
 use crate::RenderSettings;
-use crate::settings::COMPENSATION_MIN;
 use gs_scene::Camera;
 use gs_shaders::{Frame, TILE};
 
@@ -44,7 +43,7 @@ pub(super) fn frame(
         alpha_max: settings.alpha_max,
         alpha_min: settings.alpha_min,
         transmittance_min: settings.transmittance_min,
-        compensation_min: COMPENSATION_MIN,
+        compensation_min: settings.compensation_min,
         pair_capacity,
         zero: 0,
         padding: 0,

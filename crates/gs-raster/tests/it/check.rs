@@ -21,12 +21,12 @@ impl Row {
 
 /// The settings under which this renderer draws what the reference draws under `profile`; depth included.
 pub(crate) fn settings(profile: &Profile, background: [f32; 3]) -> RenderSettings {
-    assert_eq!(profile.compensation_min, f64::from(0.005f32), "this renderer's least compensation is fixed");
     RenderSettings {
         background,
         near: profile.near as f32,
         far: profile.far as f32,
         antialias: profile.antialias,
+        compensation_min: profile.compensation_min as f32,
         depth: true,
         alpha_max: profile.alpha_max as f32,
         alpha_min: profile.alpha_min as f32,
