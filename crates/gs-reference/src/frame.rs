@@ -76,13 +76,21 @@ pub fn pose_gradient(pose_sums: &[f32], camera: &Camera) -> [f64; 12] {
     }
     let by_row = |i: usize| DVec3::new(sums[3 * i], sums[3 * i + 1], sums[3 * i + 2]);
     let (by_translation, by_centre) = (by_row(3), by_row(4));
-    let by_rotation = DMat3::from_cols(by_row(0), by_row(1), by_row(2)).transpose();
+    let by_axes = DMat3::from_cols(by_row(0), by_row(1), by_row(2)).transpose();
+    let (rotation, t) = (camera.rotation(), camera.translation());
+    // [R | t] ← D [R | t] changes R as D does, less what it changes t.
+    let by_rotation = (by_axes - outer(by_translation, t)) * rotation.inverse().transpose();
     let mut out = [0.0; 12];
     for i in 0..3 {
         // Entry j of the centre is -Σᵢ Rᵢⱼ tᵢ.
-        let row = by_rotation.row(i) - camera.translation()[i] * by_centre;
+        let row = by_rotation.row(i) - t[i] * by_centre;
         out[4 * i..][..3].copy_from_slice(&row.to_array());
-        out[4 * i + 3] = by_translation[i] - camera.rotation().row(i).dot(by_centre);
+        out[4 * i + 3] = by_translation[i] - rotation.row(i).dot(by_centre);
     }
     out
+}
+
+/// a bᵀ.
+pub(crate) fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }

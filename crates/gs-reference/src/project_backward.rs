@@ -1,6 +1,7 @@
 //! Twin of the pass `project_backward`: derivatives by what is stored of the Gaussians, and by the pose.
 
 use crate::ewa::{Footprint, activated, focal_of, footprint_of, from_camera, rotation_row, seen_at, sigmoid};
+use crate::frame::outer;
 use crate::sh::{sh_at, sh_basis, sh_coefficients, sh_gradient};
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use gs_shaders::{Features, Frame, GEOMETRY, PAIR_GRADS, POSE_SUMS, WORKGROUP};
@@ -12,7 +13,8 @@ pub struct StoredGradients {
     pub geometry: Vec<f32>,
     /// By the SH coefficients, `[N, (SH_DEGREE + 1)², 3]`.
     pub sh: Vec<f32>,
-    /// `[workgroups, 15]` by R (9) and t (3), the camera centre left out, by which colours depend on them (3).
+    /// `[workgroups, 15]` by a turn and stretch D of the camera's axes, p ← D p (9), by t (3), and by the camera centre
+    /// through colours (3).
     pub pose_sums: Vec<f32>,
 }
 
@@ -137,12 +139,16 @@ fn differentiate(
     let rows = [rotation_row(frame, 0), rotation_row(frame, 1), forward];
     let grad_world = grad_p.x * rows[0] + grad_p.y * rows[1] + grad_p.z * rows[2] + grad_offset;
     let grad_logit = grad_ln_opacity * sigmoid(-gaussian.logit);
-    let grad_rows = [
-        grad_p.x * gaussian.mean + by_row[0],
-        grad_p.y * gaussian.mean + by_row[1],
-        grad_p.z * gaussian.mean - seen.clamped.x * by_row[0] - seen.clamped.y * by_row[1],
+    // By D: p ← D p, and the rows of the rotation in the Jacobian likewise.
+    let rotation = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
+    let by_row = by_row.map(|by| rotation * by);
+    let vectors = [
+        grad_p.x * seen.p + by_row[0],
+        grad_p.y * seen.p + by_row[1],
+        grad_p.z * seen.p - seen.clamped.x * by_row[0] - seen.clamped.y * by_row[1],
+        grad_p,
+        -grad_offset,
     ];
-    let vectors = [grad_rows[0], grad_rows[1], grad_rows[2], grad_p, -grad_offset];
     let ([x, y, z], [qw, qx, qy, qz]) = (grad_world.to_array(), grad_quaternion);
     let [s0, s1, s2] = grad_log_scale.to_array();
     Contribution {
@@ -178,11 +184,6 @@ fn quaternion_gradient(q: [f64; 4], grad: DMat3) -> [f64; 4] {
         matrices.map(|columns| 2.0 * (0..3).map(|k| DVec3::from(columns[k]).dot(grad.col(k))).sum::<f64>());
     let along: f64 = q.iter().zip(free).map(|(q, free)| q * free).sum();
     std::array::from_fn(|i| free[i] - q[i] * along)
-}
-
-/// a bᵀ.
-fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 /// A derivative that does not fit f32 is not known: it counts as zero.
