@@ -116,7 +116,7 @@ pub enum Error {
     },
     /// The adapter failed.
     #[cfg(feature = "gpu")]
-    #[error("the adapter {adapter} failed")]
+    #[error("the adapter {adapter} failed; render on the CPU, or a smaller scene")]
     Gpu {
         /// Name of the adapter.
         adapter: String,

@@ -10,6 +10,6 @@ mod self_test;
 mod sort;
 mod upload;
 
-pub use adapter::{AdapterChoice, AdapterDescription, GpuOptions};
+pub use adapter::{AdapterChoice, AdapterDescription, GpuOptions, adapters};
 pub use context::{Gpu, PassBuffer};
 pub(crate) use forward::Tape;

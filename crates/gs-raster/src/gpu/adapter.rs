@@ -1,6 +1,8 @@
 //! Which adapter to use.
 
 use crate::{Error, Result};
+use gs_scene::{Gaussians, sh_coefficients};
+use gs_shaders::Splat;
 
 /// Which adapters come into question.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -21,7 +23,7 @@ pub struct GpuOptions {
     pub poison: bool,
 }
 
-/// The adapter that is used.
+/// An adapter, and what it can hold.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AdapterDescription {
     /// Name of the adapter.
@@ -32,15 +34,43 @@ pub struct AdapterDescription {
     pub backend: String,
     /// Driver and its version.
     pub driver: String,
+    /// Largest buffer that a pass can use, bytes.
+    pub largest_binding: u64,
+}
+
+impl AdapterDescription {
+    /// Whether `Device::Auto` may take it: a real GPU.
+    #[must_use]
+    pub fn is_real(&self) -> bool {
+        self.kind.ends_with("GPU")
+    }
+
+    /// The most Gaussians of an SH degree whose buffers the adapter can use.
+    #[must_use]
+    pub fn most_gaussians(&self, sh_degree: usize) -> u64 {
+        let numbers = Gaussians::GEOMETRY.max(sh_coefficients(sh_degree) * 3);
+        let bytes = (numbers * size_of::<f32>()).max(size_of::<Splat>());
+        (self.largest_binding / bytes as u64).min(u64::from(u32::MAX))
+    }
+}
+
+/// Every adapter there is, in the order in which the system names them.
+#[must_use]
+pub fn adapters() -> Vec<AdapterDescription> {
+    enumerate().iter().map(describe).collect()
+}
+
+fn enumerate() -> Vec<wgpu::Adapter> {
+    if wgpu::Instance::enabled_backend_features().is_empty() {
+        return Vec::new();
+    }
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
 }
 
 /// The best adapter of those that come into question.
 pub(super) fn choose(choice: AdapterChoice) -> Result<wgpu::Adapter> {
-    if wgpu::Instance::enabled_backend_features().is_empty() {
-        return Err(Error::NoAdapter { found: "no graphics interface in this build".to_owned() });
-    }
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    let adapters = enumerate();
     let names: Vec<String> = adapters
         .iter()
         .map(|adapter| {
@@ -65,7 +95,7 @@ pub(super) fn choose(choice: AdapterChoice) -> Result<wgpu::Adapter> {
 
 /// What an adapter says of itself.
 pub(super) fn describe(adapter: &wgpu::Adapter) -> AdapterDescription {
-    let info = adapter.get_info();
+    let (info, limits) = (adapter.get_info(), adapter.limits());
     AdapterDescription {
         name: info.name,
         kind: match info.device_type {
@@ -77,5 +107,6 @@ pub(super) fn describe(adapter: &wgpu::Adapter) -> AdapterDescription {
         },
         backend: format!("{:?}", info.backend),
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        largest_binding: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
     }
 }

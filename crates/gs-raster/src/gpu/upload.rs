@@ -4,7 +4,7 @@ use super::context::Gpu;
 use super::pool::Pooled;
 use crate::{Error, Result};
 use gs_scene::{Gaussians, sh_coefficients};
-use gs_shaders::Features;
+use gs_shaders::{Features, Splat};
 
 /// The buffers of a scene.
 #[derive(Debug)]
@@ -20,6 +20,7 @@ impl Gpu {
         let bytes = |numbers: usize| (numbers * size_of::<f32>()) as u64;
         self.check_size("geometry", bytes(gaussians.geometry().len()))?;
         self.check_size("SH coefficients", bytes(gaussians.sh().len()))?;
+        self.check_size("footprints", (gaussians.len() * size_of::<Splat>()) as u64)?;
         let n = u32::try_from(gaussians.len()).map_err(|_| Error::TooLargeForGpu {
             what: "index",
             bytes: gaussians.len() as u64,
