@@ -1,5 +1,7 @@
 //! The twins of the shader passes, one after another, against the naive renderer; and what each of them promises by itself.
 
+mod passes;
+
 use crate::golden::cases;
 use glam::{DMat3, DVec3, EulerRot};
 use gs_reference::chain::{Backward, Forward, View, backward, forward};
