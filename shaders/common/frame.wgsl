@@ -34,7 +34,8 @@ struct Frame {
     pair_capacity: u32,
     // 0, which no compiler can know.
     zero: u32,
-    padding: u32,
+    // Size at which ellipsoids are drawn, standard deviations.
+    ellipsoid_sigma: f32,
 }
 
 // The footprint of a Gaussian. In a pixel at (dx, dy) from the centre, with e = dx - shear dy,
@@ -54,6 +55,18 @@ struct Splat {
     blue: f32,
     // z-depth of the centre, scene units.
     depth: f32,
+    padding: f32,
+}
+
+// A Gaussian as an ellipsoid, in the affine view in which its footprint is an ellipse: with e = dx - shear dy and the exponent
+// m = A e² + g dy² of the footprint, its front is at z-depth
+// depth + slope_e e + slope_y dy - sigma_z √(ellipsoid_sigma² - m).
+struct Surface {
+    // Scene units / pixel.
+    slope_e: f32,
+    slope_y: f32,
+    // Standard deviation along the ray, scene units.
+    sigma_z: f32,
     padding: f32,
 }
 

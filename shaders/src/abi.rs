@@ -53,8 +53,8 @@ pub struct Frame {
     pub pair_capacity: u32,
     /// 0, which no shader compiler can know: it keeps roundings where they are.
     pub zero: u32,
-    /// Nothing.
-    pub padding: u32,
+    /// Size at which ellipsoids are drawn, standard deviations.
+    pub ellipsoid_sigma: f32,
 }
 
 /// The footprint of a Gaussian. In a pixel at (dx, dy) from the centre, with e = dx - shear dy, log₂ of alpha is
@@ -78,6 +78,22 @@ pub struct Splat {
     pub rgb: [f32; 3],
     /// z-depth of the centre, scene units.
     pub depth: f32,
+    /// Nothing.
+    pub padding: f32,
+}
+
+/// A Gaussian as an ellipsoid, in the affine view in which its footprint is an ellipse. With e = dx - shear dy and the exponent
+/// m = A e² + g dy² of the footprint, its front is at z-depth
+/// `depth + slope_e e + slope_y dy - sigma_z √(ellipsoid_sigma² - m)`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
+pub struct Surface {
+    /// Scene units / pixel.
+    pub slope_e: f32,
+    /// Scene units / pixel.
+    pub slope_y: f32,
+    /// Standard deviation along the ray, scene units.
+    pub sigma_z: f32,
     /// Nothing.
     pub padding: f32,
 }

@@ -110,7 +110,10 @@ const fn read_write(name: &'static str) -> Binding {
 pub const PROJECT: Pass = Pass {
     name: "project",
     files: &[include_str!("../project.wgsl"), FRAME, TWO_FLOAT, EWA, SH, GRID],
-    entry_points: &[EntryPoint { name: "project", bindings: &[0, 1, 2, 3, 4, 5, 6] }],
+    entry_points: &[
+        EntryPoint { name: "project", bindings: &[0, 1, 2, 3, 4, 5, 6] },
+        EntryPoint { name: "project_ellipsoids", bindings: &[0, 1, 2, 3, 4, 5, 6, 7] },
+    ],
     bindings: &[
         uniform("frame"),
         read("geometry"),
@@ -119,6 +122,7 @@ pub const PROJECT: Pass = Pass {
         read_write("depth_keys"),
         read_write("order"),
         read_write("counters"),
+        read_write("surfaces"),
     ],
     overrides: &["WORKGROUP", "TILE", "SH_DEGREE", "ANTIALIAS"],
 };
@@ -206,6 +210,23 @@ pub const RASTERIZE_FORWARD: Pass = Pass {
     overrides: &["TILE", "DEPTH"],
 };
 
+/// Opaque ellipsoids instead of compositing.
+pub const RASTERIZE_ELLIPSOIDS: Pass = Pass {
+    name: "rasterize_ellipsoids",
+    files: &[include_str!("../rasterize_ellipsoids.wgsl"), FRAME, TWO_FLOAT, ALPHA, GRID],
+    entry_points: &[EntryPoint { name: "rasterize_ellipsoids", bindings: &[0, 1, 2, 3, 4, 5, 6] }],
+    bindings: &[
+        uniform("frame"),
+        read("splats"),
+        read("pair_splats"),
+        read("pair_index"),
+        read("ranges"),
+        read("surfaces"),
+        read_write("pixels"),
+    ],
+    overrides: &["TILE"],
+};
+
 /// Derivatives of compositing.
 pub const RASTERIZE_BACKWARD: Pass = Pass {
     name: "rasterize_backward",
@@ -244,5 +265,14 @@ pub const PROJECT_BACKWARD: Pass = Pass {
 };
 
 /// Every pass, in the order in which a view goes through them.
-pub const PASSES: [&Pass; 8] =
-    [&PROJECT, &SORT, &SCAN, &BIN, &TILE_RANGES, &RASTERIZE_FORWARD, &RASTERIZE_BACKWARD, &PROJECT_BACKWARD];
+pub const PASSES: [&Pass; 9] = [
+    &PROJECT,
+    &SORT,
+    &SCAN,
+    &BIN,
+    &TILE_RANGES,
+    &RASTERIZE_FORWARD,
+    &RASTERIZE_ELLIPSOIDS,
+    &RASTERIZE_BACKWARD,
+    &PROJECT_BACKWARD,
+];

@@ -3,7 +3,8 @@
 use crate::gate::parse;
 use gs_shaders::{
     BIN, CULLED, Frame, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PASSES, POSE_SUMS, PROJECT,
-    PROJECT_BACKWARD, Pass, REJECTED, SCAN, SIGMA_MAX, SORT, SORT_DIGIT_BITS, Scan, Sort, Splat, VISIBLE,
+    PROJECT_BACKWARD, Pass, RASTERIZE_ELLIPSOIDS, REJECTED, SCAN, SIGMA_MAX, SORT, SORT_DIGIT_BITS, Scan,
+    Sort, Splat, Surface, VISIBLE,
 };
 use naga::{Expression, Literal, TypeInner};
 use std::f64::consts::{LN_2, LOG2_E, PI};
@@ -37,7 +38,7 @@ macro_rules! assert_layout {
 #[test]
 fn structs_have_the_same_layout() {
     let of_views: Vec<&Pass> = PASSES.into_iter().filter(|pass| pass.bindings[0].name == "frame").collect();
-    assert_eq!(of_views.len(), 6, "passes that bind a frame");
+    assert_eq!(of_views.len(), 7, "passes that bind a frame");
     assert_layout!(
         of_views,
         Frame,
@@ -65,7 +66,7 @@ fn structs_have_the_same_layout() {
             compensation_min,
             pair_capacity,
             zero,
-            padding,
+            ellipsoid_sigma,
         ]
     );
     let rgb = offset_of!(Splat, rgb);
@@ -75,6 +76,7 @@ fn structs_have_the_same_layout() {
         [mean, mean_low, falloff, shear, shear_low, log2_opacity, depth, padding],
         [("red", rgb), ("green", rgb + 4), ("blue", rgb + 8)]
     );
+    assert_layout!([&PROJECT, &RASTERIZE_ELLIPSOIDS], Surface, [slope_e, slope_y, sigma_z, padding]);
     assert_layout!([&SCAN], Scan, [n, n_blocks, total, padding]);
     assert_layout!([&SORT], Sort, [n, n_blocks, count, shift]);
 }
