@@ -63,6 +63,9 @@ pub enum Error {
         /// Where.
         index: usize,
     },
+    /// Ellipsoids have no gradients.
+    #[error("only blended views have gradients, not those of ellipsoids")]
+    NotBlended,
     /// A gradient by depth is given, but depth was not rendered.
     #[error("a gradient by depth needs a view that was rendered with depth")]
     DepthNotRendered,

@@ -15,4 +15,4 @@ pub use error::{Error, Result};
 pub use gradients::{Gradients, PixelGradients, PoseGradient};
 pub use rasterizer::{Device, Rasterizer, Tape};
 pub use render::{RenderStats, Rendering, StageSeconds, render};
-pub use settings::RenderSettings;
+pub use settings::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, Style};

@@ -1,6 +1,6 @@
 #[cfg(feature = "gpu")]
 use crate::gpu::{self, AdapterChoice, Gpu, GpuOptions};
-use crate::{Error, Gradients, PixelGradients, RenderSettings, Rendering, Result, cpu};
+use crate::{Error, Gradients, PixelGradients, RenderSettings, Rendering, Result, Style, cpu};
 use gs_scene::{Camera, Gaussians};
 
 /// Where to render.
@@ -149,6 +149,9 @@ impl Rasterizer {
         settings: &RenderSettings,
     ) -> Result<(Vec<Rendering>, Tape)> {
         settings.check()?;
+        if settings.style != Style::Blended {
+            return Err(Error::NotBlended);
+        }
         let (renderings, views) = match &mut self.backend {
             Backend::Cpu(scratch) => {
                 let (mut renderings, mut views) = (Vec::new(), Vec::new());

@@ -4,11 +4,31 @@ use serde::{Deserialize, Serialize};
 /// The most pairs of Gaussian and tile that are listed: 1 GiB of indices.
 pub(crate) const INTERSECTIONS_MAX: u64 = 1 << 28;
 
+/// Size at which [`Style::Ellipsoids`] draws a Gaussian, standard deviations.
+pub const ELLIPSOID_SIGMA: f32 = 1.0;
+/// Gaussians less opaque than this are not drawn by [`Style::Ellipsoids`]: solid, they would hide what they do not hide.
+pub const ELLIPSOID_OPACITY_MIN: f32 = 0.2;
+
+/// What a picture shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Style {
+    /// The Gaussians blended, as the camera sees the scene.
+    #[default]
+    Blended,
+    /// Each Gaussian as a solid ellipsoid, lit from the camera: where they lie, how large they are and how they are turned. Its
+    /// image is that of the affine projection which blending uses, low-pass filter included. Alpha is 1 or 0, depth that of
+    /// the front; there are no gradients.
+    Ellipsoids,
+}
+
 /// How to render. The defaults are the thresholds of the 3DGS family of renderers; the near plane must follow the
 /// scale of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RenderSettings {
+    /// What the picture shows. Default blended.
+    pub style: Style,
     /// Colour behind everything. Default black.
     pub background: [f32; 3],
     /// Gaussians whose centre is at this z-depth or nearer are not drawn, scene units. Default 0.01.
@@ -35,6 +55,7 @@ pub struct RenderSettings {
 impl Default for RenderSettings {
     fn default() -> Self {
         Self {
+            style: Style::Blended,
             background: [0.0; 3],
             near: 0.01,
             far: 1e10,

@@ -49,7 +49,7 @@ pub fn frame(camera: &Camera, profile: &Profile, background: [f32; 3], n_gaussia
         compensation_min: profile.compensation_min as f32,
         pair_capacity: u32::MAX,
         zero: 0,
-        padding: 0,
+        ellipsoid_sigma: 1.0,
     }
 }
 

@@ -4,11 +4,11 @@ use super::context::{Gpu, Recording, folded};
 use super::frame::frame;
 use super::pool::{Pooled, Use};
 use super::upload::Upload;
-use crate::{Error, RenderSettings, RenderStats, Rendering, Result, StageSeconds};
+use crate::{Error, RenderSettings, RenderStats, Rendering, Result, StageSeconds, Style};
 use gs_scene::{Camera, Gaussians, Image};
 use gs_shaders::{
-    BIN, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PROJECT, RASTERIZE_FORWARD, REJECTED, Splat,
-    TILE_RANGES, VISIBLE, WORKGROUP,
+    BIN, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PROJECT, RASTERIZE_ELLIPSOIDS, RASTERIZE_FORWARD,
+    REJECTED, Splat, Surface, TILE_RANGES, VISIBLE, WORKGROUP,
 };
 
 /// Bits of a depth key: the sign is never set, but by what is culled.
@@ -74,8 +74,8 @@ impl Gpu {
         settings: &RenderSettings,
         train: bool,
     ) -> Result<(Rendering, Option<ViewTape>)> {
-        let numbers = if settings.depth { 6 } else { 4 };
-        self.check_size("pixels", (camera.width() * camera.height() * numbers * size_of::<f32>()) as u64)?;
+        let n_pixels = camera.width() * camera.height();
+        self.check_size("pixels", (n_pixels * numbers_per_pixel(settings) * size_of::<f32>()) as u64)?;
         let per_pair = if train { PAIR_GRADS } else { 1 } * size_of::<f32>();
         let most =
             self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size) / per_pair as u64;
@@ -115,8 +115,12 @@ impl Gpu {
         let counters = storage(N_COUNTERS);
         let offsets = storage(upload.n as usize + 1);
         let ranges = storage(n_tiles as usize * 2);
-        let pixels = storage(n_pixels * if settings.depth { 6 } else { 4 });
+        let pixels = storage(n_pixels * numbers_per_pixel(settings));
         let ends = storage(if train { n_pixels } else { 1 });
+        let solid = settings.style == Style::Ellipsoids;
+        let surfaces = self
+            .pool
+            .take(Use::Storage, u64::from(upload.n) * size_of::<Surface>() as u64 * u64::from(solid));
         let pair_splats = storage(capacity as usize);
         let mut depths = self.keyed(upload.n);
         let mut pairs = self.keyed(capacity);
@@ -127,7 +131,7 @@ impl Gpu {
         self.dispatch(
             &mut recording,
             &PROJECT,
-            "project",
+            if solid { "project_ellipsoids" } else { "project" },
             features,
             folded(upload.n.div_ceil(WORKGROUP)),
             &[
@@ -138,6 +142,7 @@ impl Gpu {
                 Some(&depths.keys),
                 Some(&depths.values),
                 Some(&counters),
+                Some(&surfaces),
             ],
         );
         self.sort(&mut recording, &mut depths, DEPTH_BITS, &counters, NOWHERE);
@@ -162,22 +167,41 @@ impl Gpu {
         );
         let (pair_index, spare) = pairs.into_values();
         recording.keep.extend(spare);
-        self.dispatch(
-            &mut recording,
-            &RASTERIZE_FORWARD,
-            if train { "rasterize_forward_train" } else { "rasterize_forward" },
-            features,
-            frame.tiles,
-            &[
-                Some(&uniform),
-                Some(&splats),
-                Some(&pair_splats),
-                Some(&pair_index),
-                Some(&ranges),
-                Some(&pixels),
-                Some(&ends),
-            ],
-        );
+        if solid {
+            self.dispatch(
+                &mut recording,
+                &RASTERIZE_ELLIPSOIDS,
+                "rasterize_ellipsoids",
+                features,
+                frame.tiles,
+                &[
+                    Some(&uniform),
+                    Some(&splats),
+                    Some(&pair_splats),
+                    Some(&pair_index),
+                    Some(&ranges),
+                    Some(&surfaces),
+                    Some(&pixels),
+                ],
+            );
+        } else {
+            self.dispatch(
+                &mut recording,
+                &RASTERIZE_FORWARD,
+                if train { "rasterize_forward_train" } else { "rasterize_forward" },
+                features,
+                frame.tiles,
+                &[
+                    Some(&uniform),
+                    Some(&splats),
+                    Some(&pair_splats),
+                    Some(&pair_index),
+                    Some(&ranges),
+                    Some(&pixels),
+                    Some(&ends),
+                ],
+            );
+        }
         let staged = [&counters, &pixels].map(|buffer| self.stage(&mut recording, buffer));
         self.submit(recording)?;
         let counters: Vec<u32> = self.read(&staged[0])?;
@@ -226,6 +250,11 @@ impl Gpu {
         self.scan(recording, offsets, n + 1, counters, N_PAIRS);
         self.dispatch(recording, &BIN, "bin_emit", features, groups, &buffers);
     }
+}
+
+/// Numbers per pixel that are read back.
+fn numbers_per_pixel(settings: &RenderSettings) -> usize {
+    if settings.depth || settings.style == Style::Ellipsoids { 6 } else { 4 }
 }
 
 /// What was read back as a rendering, its transmittance, and Σ w if depth was rendered.

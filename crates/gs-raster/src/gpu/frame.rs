@@ -1,6 +1,6 @@
 //! The uniform that all passes of a view share.
 
-use crate::RenderSettings;
+use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, Style};
 use gs_scene::Camera;
 use gs_shaders::{Frame, TILE};
 
@@ -41,12 +41,15 @@ pub(super) fn frame(
         far: settings.far,
         eps2d: settings.eps2d,
         alpha_max: settings.alpha_max,
-        alpha_min: settings.alpha_min,
+        alpha_min: match settings.style {
+            Style::Blended => settings.alpha_min,
+            Style::Ellipsoids => ELLIPSOID_OPACITY_MIN,
+        },
         transmittance_min: settings.transmittance_min,
         compensation_min: settings.compensation_min,
         pair_capacity,
         zero: 0,
-        padding: 0,
+        ellipsoid_sigma: ELLIPSOID_SIGMA,
     }
 }
 

@@ -122,7 +122,10 @@ mod tests {
         let profile = Profile { near: f64::from(settings.near), antialias: true, ..Profile::default() };
         let background = settings.background.map(f64::from);
         let truth = gs_reference::render(&scene, &camera, background, &profile);
-        assert!(truth.margin.iter().all(|&margin| margin > AMBIGUOUS), "a pixel may be decided otherwise in f32");
+        assert!(
+            truth.margin.iter().all(|&margin| margin > AMBIGUOUS),
+            "a pixel may be decided otherwise in f32"
+        );
         let double = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect();
         let loss = loss();
         let pixels = gs_reference::PixelGradients {
@@ -149,7 +152,10 @@ mod tests {
             assert_eq!(bytes.len(), EXPECTED.len(), "run this test with UPDATE=1");
             for (found, expected) in numbers.iter().zip(EXPECTED.chunks_exact(4)) {
                 let expected = f64::from(f32::from_le_bytes(expected.try_into().unwrap()));
-                assert!((found - expected).abs() <= 1e-6 * expected.abs().max(1e-3), "run this test with UPDATE=1");
+                assert!(
+                    (found - expected).abs() <= 1e-6 * expected.abs().max(1e-3),
+                    "run this test with UPDATE=1"
+                );
             }
         }
     }

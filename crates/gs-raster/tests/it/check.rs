@@ -1,6 +1,6 @@
 //! Renders golden cases, differentiates them and measures the deviation; shared with the example `check_case`.
 
-use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings};
+use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, Style};
 use gs_reference::tolerance::{f32_bound, f32_gradient_bound, reference_bound, reference_gradient_bound};
 use gs_reference::{Case, Deviation, GoldenGradient, Loss, Mismatch, Profile, Variable, compare};
 use gs_scene::Camera;
@@ -22,6 +22,7 @@ impl Row {
 /// The settings under which this renderer draws what the reference draws under `profile`; depth included.
 pub(crate) fn settings(profile: &Profile, background: [f32; 3]) -> RenderSettings {
     RenderSettings {
+        style: Style::Blended,
         background,
         near: profile.near as f32,
         far: profile.far as f32,
