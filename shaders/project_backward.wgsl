@@ -159,7 +159,7 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     for (var k = 0u; k < sh_coefficients(); k++) {
         colour += basis[k] * sh_at(index, k);
     }
-    let grad_colour = select(vec3f(0.0), vec3f(sums[6], sums[7], sums[8]), colour > vec3f(0.0));
+    let grad_colour = select(vec3f(0.0), vec3f(sums[6], sums[7], sums[8]), colour >= vec3f(0.0));
     for (var k = 0u; k < sh_coefficients(); k++) {
         let at = (index * sh_coefficients() + k) * 3u;
         for (var channel = 0u; channel < 3u; channel++) {
