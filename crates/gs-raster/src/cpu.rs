@@ -4,6 +4,7 @@
 mod bin;
 mod blend;
 mod blend_backward;
+mod ellipsoids;
 mod footprint;
 mod math;
 mod order;
@@ -13,6 +14,7 @@ mod sh;
 
 use crate::{
     Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result, StageSeconds,
+    Style,
 };
 use gs_scene::{Camera, Gaussians, Image};
 use std::time::Instant;
@@ -71,7 +73,10 @@ pub(crate) fn render(
     settings: &RenderSettings,
     scratch: &mut Scratch,
 ) -> Result<Rendering> {
-    Ok(draw(gaussians, camera, settings, &mut scratch.frame, false)?.0)
+    match settings.style {
+        Style::Blended => Ok(draw(gaussians, camera, settings, &mut scratch.frame, false)?.0),
+        Style::Ellipsoids => ellipsoids::render(gaussians, camera, settings),
+    }
 }
 
 /// [`render`], and what [`backward`] needs of it.

@@ -1,0 +1,239 @@
+//! Gaussians as solid ellipsoids: no order and no blending, each pixel keeps the nearest front.
+
+use super::footprint::{Columns, Footprint, View};
+use super::{Grid, TILE, sh};
+use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, Error, RenderSettings, RenderStats, Rendering, Result};
+use crate::{StageSeconds, settings::INTERSECTIONS_MAX};
+use glam::{DVec2, DVec3};
+use gs_scene::{Camera, Gaussians, Image, sh_coefficients};
+use rayon::prelude::*;
+use std::time::Instant;
+
+/// Gaussians per task.
+const CHUNK: usize = 4096;
+/// Share of the colour that a surface keeps which is seen edge-on.
+const AMBIENT: f64 = 0.3;
+
+/// A Gaussian in the affine view in which its footprint is an ellipse: the covariance of (u, v, z) has the filtered footprint as
+/// that of (u, v). With e = du - shear dv and m = A e² + g dv², the front of the ellipsoid is at z-depth
+/// z + slope[0] e + slope[1] dv - sigma_z √(σ² - m).
+#[derive(Clone, Copy)]
+struct Ellipsoid {
+    /// Centre, pixels.
+    mean: DVec2,
+    /// (A, g), 1 / square pixels.
+    conic: DVec2,
+    shear: f64,
+    z: f64,
+    slope: DVec2,
+    sigma_z: f64,
+    /// Half width and half height, pixels.
+    extent: DVec2,
+    rgb: [f32; 3],
+}
+
+/// Renders a view.
+pub(super) fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Result<Rendering> {
+    let (width, height) = (camera.width(), camera.height());
+    let grid = Grid::new(width, height);
+    let mut seconds = StageSeconds::default();
+
+    let start = Instant::now();
+    let view = View::new(camera, settings);
+    let sh_row = sh_coefficients(gaussians.sh_degree()) * 3;
+    let chunks: Vec<(Vec<Ellipsoid>, usize)> = gaussians
+        .geometry()
+        .par_chunks(CHUNK * Gaussians::GEOMETRY)
+        .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
+        .map(|(geometry, sh)| project(&view, gaussians.sh_degree(), geometry, sh))
+        .collect();
+    let rejected = chunks.iter().map(|(_, rejected)| rejected).sum();
+    let ellipsoids: Vec<Ellipsoid> = chunks.into_iter().flat_map(|(ellipsoids, _)| ellipsoids).collect();
+    seconds.project = start.elapsed().as_secs_f64();
+
+    let start = Instant::now();
+    let tiles = |ellipsoid: &Ellipsoid| -> u64 {
+        let [(left, right), (top, bottom)] =
+            [0, 1].map(|axis| ellipsoid.pixels(axis, [width, height][axis]).unwrap_or((1, 0)));
+        (right / TILE + 1).saturating_sub(left / TILE) as u64
+            * (bottom / TILE + 1).saturating_sub(top / TILE) as u64
+    };
+    let intersections = ellipsoids.iter().map(tiles).sum();
+    if intersections > INTERSECTIONS_MAX {
+        return Err(Error::TooManyIntersections { found: intersections, limit: INTERSECTIONS_MAX });
+    }
+    seconds.bin = start.elapsed().as_secs_f64();
+
+    let start = Instant::now();
+    let mut image = Image::filled(width, height, settings.background)?;
+    let mut depth = vec![0.0; width * height];
+    image
+        .data_mut()
+        .par_chunks_mut(TILE * width * 3)
+        .zip(depth.par_chunks_mut(TILE * width))
+        .enumerate()
+        .take(grid.rows)
+        .for_each(|(band, (image, depth))| draw(&ellipsoids, &view, band * TILE, width, image, depth));
+    let alpha = depth.iter().map(|&depth| if depth > 0.0 { 1.0 } else { 0.0 }).collect();
+    seconds.blend = start.elapsed().as_secs_f64();
+
+    let stats = RenderStats { visible: ellipsoids.len(), rejected, intersections, seconds };
+    Ok(Rendering { image, alpha, depth: settings.depth.then_some(depth), stats })
+}
+
+/// The ellipsoids of some Gaussians that are in the picture, and how many were rejected.
+fn project(view: &View, degree: usize, geometry: &[f32], sh: &[f32]) -> (Vec<Ellipsoid>, usize) {
+    let (mut ellipsoids, mut rejected) = (Vec::new(), 0);
+    let mut stored = Columns::new();
+    let rows = geometry.chunks_exact(Gaussians::GEOMETRY).zip(sh.chunks_exact(sh_coefficients(degree) * 3));
+    for (row, sh) in rows {
+        stored.set(0, row);
+        if !stored.is_finite(0) {
+            rejected += 1;
+            continue;
+        }
+        let footprint = Footprint::new(view, &stored, 0);
+        if !(footprint.mean.z > view.near && footprint.mean.z < view.far) {
+            continue;
+        }
+        if footprint.norm == 0.0 || footprint.stored_scale.max_element() > f64::from(f32::MAX) {
+            rejected += 1;
+            continue;
+        }
+        if footprint.opacity * footprint.compensation < f64::from(ELLIPSOID_OPACITY_MIN) {
+            continue;
+        }
+        let mut ellipsoid = Ellipsoid::new(view, &footprint);
+        let outside = |axis: usize| view.is_outside(axis, ellipsoid.mean[axis], ellipsoid.extent[axis]);
+        if outside(0) || outside(1) {
+            continue;
+        }
+        let direction = (stored.mean(0) - view.position).normalize().as_vec3().to_array();
+        ellipsoid.rgb = colour(degree, direction, sh);
+        if ellipsoid.is_finite() {
+            ellipsoid.rgb = ellipsoid.rgb.map(|channel| channel.max(0.0));
+            ellipsoids.push(ellipsoid);
+        } else {
+            rejected += 1;
+        }
+    }
+    (ellipsoids, rejected)
+}
+
+/// ½ + Σ Y · sh.
+fn colour(degree: usize, direction: [f32; 3], sh: &[f32]) -> [f32; 3] {
+    let basis = match degree {
+        0 => sh::basis::<0>(direction),
+        1 => sh::basis::<1>(direction),
+        2 => sh::basis::<2>(direction),
+        _ => sh::basis::<3>(direction),
+    };
+    let mut rgb = [0.5; 3];
+    for (coefficients, basis) in sh.chunks_exact(3).zip(basis) {
+        for (channel, coefficient) in rgb.iter_mut().zip(coefficients) {
+            *channel += basis * coefficient;
+        }
+    }
+    rgb
+}
+
+impl Ellipsoid {
+    fn new(view: &View, footprint: &Footprint) -> Self {
+        let Footprint { a, b, c, det, .. } = *footprint;
+        let shear = b / c;
+        let conic = DVec2::new(c / det, 1.0 / c);
+        // Row of the camera's z axis in the Gaussian's axes and scales: a unit step along z.
+        let z_axis = view.rotation.row(2);
+        let axes = footprint.axes;
+        let along_z = DVec3::new(z_axis.dot(axes.x_axis), z_axis.dot(axes.y_axis), z_axis.dot(axes.z_axis))
+            * footprint.scale;
+        let [u, v] = footprint.rows;
+        let with = DVec2::new((u - v * shear).dot(along_z), v.dot(along_z));
+        let slope = conic * with;
+        // What is left of the variance of z once the pixel is given; rounding must not make it negative.
+        let variance = (along_z.length_squared() - slope.dot(with)).max(0.0);
+        let centre = |axis: usize| view.focal[axis] * footprint.slope[axis] + view.centre[axis];
+        Self {
+            mean: DVec2::new(centre(0), centre(1)),
+            conic,
+            shear,
+            z: footprint.mean.z,
+            slope,
+            sigma_z: variance.sqrt(),
+            extent: DVec2::new(a.sqrt(), c.sqrt()) * f64::from(ELLIPSOID_SIGMA),
+            rgb: [0.0; 3],
+        }
+    }
+
+    fn is_finite(&self) -> bool {
+        self.mean.is_finite()
+            && self.conic.is_finite()
+            && self.shear.is_finite()
+            && self.slope.is_finite()
+            && self.sigma_z.is_finite()
+            && self.extent.is_finite()
+            && self.rgb.iter().all(|channel| channel.is_finite())
+    }
+
+    /// First and last pixel along an axis whose centres its box may hold.
+    fn pixels(&self, axis: usize, size: usize) -> Option<(usize, usize)> {
+        let first = (self.mean[axis] - self.extent[axis] - 0.5).ceil().max(0.0);
+        let last = (self.mean[axis] + self.extent[axis] - 0.5).floor().min((size - 1) as f64);
+        (first <= last).then_some((first as usize, last as usize))
+    }
+
+    /// Brightness of a front whose slope in the image, times `rise`, is `slope`, lit by a lamp at the camera. `rise` is 0 at the
+    /// rim, where the slope is infinite.
+    fn lit(&self, view: &View, pixel: DVec2, slope: DVec2, rise: f64) -> f64 {
+        let (focal, principal) = (DVec2::from(view.focal), DVec2::from(view.centre));
+        let ray = ((pixel - principal) / focal).extend(1.0);
+        // The front's normal, from image coordinates and depth to camera axes by the transposed Jacobian at the centre.
+        let across = slope * focal / self.z;
+        let normal = (-across).extend(rise + across.dot((self.mean - principal) / focal));
+        let cosine = normal.dot(ray).abs() / (normal.length() * ray.length()).max(f64::MIN_POSITIVE);
+        AMBIENT + (1.0 - AMBIENT) * cosine.min(1.0)
+    }
+}
+
+/// Draws the rows of a picture from `top` on; `depth` is 0 where nothing was drawn yet.
+fn draw(
+    ellipsoids: &[Ellipsoid],
+    view: &View,
+    top: usize,
+    width: usize,
+    image: &mut [f32],
+    depth: &mut [f32],
+) {
+    let rows = depth.len() / width;
+    let square = f64::from(ELLIPSOID_SIGMA * ELLIPSOID_SIGMA);
+    for ellipsoid in ellipsoids {
+        let Some((first, last)) = ellipsoid.pixels(1, top + rows) else { continue };
+        let Some((left, right)) = ellipsoid.pixels(0, width) else { continue };
+        for row in first.max(top)..=last {
+            for column in left..=right {
+                let pixel = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
+                let d = pixel - ellipsoid.mean;
+                let place = DVec2::new(d.x - ellipsoid.shear * d.y, d.y);
+                let rest = square - ellipsoid.conic.dot(place * place);
+                if rest < 0.0 {
+                    continue;
+                }
+                let rise = rest.sqrt();
+                let front = ellipsoid.z + ellipsoid.slope.dot(place) - ellipsoid.sigma_z * rise;
+                let at = (row - top) * width + column;
+                let nearest = if depth[at] > 0.0 { f64::from(depth[at]) } else { view.far };
+                // Compared as f32, in which depth is kept: of equal fronts the first.
+                if !(front > view.near && (front as f32) < nearest as f32) {
+                    continue;
+                }
+                depth[at] = front as f32;
+                let by = ellipsoid.slope * rise + ellipsoid.sigma_z * ellipsoid.conic * place;
+                let slope = DVec2::new(by.x, by.y - ellipsoid.shear * by.x);
+                let light = ellipsoid.lit(view, pixel, slope, rise) as f32;
+                for (channel, rgb) in image[at * 3..at * 3 + 3].iter_mut().zip(ellipsoid.rgb) {
+                    *channel = rgb * light;
+                }
+            }
+        }
+    }
+}
