@@ -16,6 +16,9 @@ pub struct Rendering {
     pub stats: RenderStats,
 }
 
+/// Side of the tiles that pictures are cut into, pixels.
+pub const TILE: usize = 16;
+
 /// Counts and times of one rendering.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct RenderStats {
@@ -39,6 +42,8 @@ pub struct StageSeconds {
     pub bin: f64,
     /// Near-to-far order within each tile, and compositing.
     pub blend: f64,
+    /// Everything on the GPU, from the first command to the picture in memory; 0 on the CPU, as the others are on the GPU.
+    pub gpu: f64,
 }
 
 /// Renders `gaussians` as seen by `camera`, on the CPU, with all threads of the current rayon pool. The result does

@@ -10,6 +10,7 @@ use gs_shaders::{
     BIN, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PROJECT, RASTERIZE_ELLIPSOIDS, RASTERIZE_FORWARD,
     REJECTED, Splat, Surface, TILE_RANGES, VISIBLE, WORKGROUP,
 };
+use std::time::Instant;
 
 /// Bits of a depth key: the sign is never set, but by what is culled.
 const DEPTH_BITS: u32 = 32;
@@ -104,6 +105,7 @@ impl Gpu {
         train: bool,
         capacity: u32,
     ) -> Result<(Rendering, Option<ViewTape>)> {
+        let start = Instant::now();
         let frame = frame(camera, settings, upload.n, capacity);
         let n_pixels = camera.width() * camera.height();
         let n_tiles = frame.tiles[0] * frame.tiles[1];
@@ -208,7 +210,8 @@ impl Gpu {
         let pixels: Vec<f32> = self.read(&staged[1])?;
 
         let n_pairs = counters[N_PAIRS as usize];
-        let (rendering, transmittance, weight) = picture(camera, settings, &counters, &pixels)?;
+        let (mut rendering, transmittance, weight) = picture(camera, settings, &counters, &pixels)?;
+        rendering.stats.seconds.gpu = start.elapsed().as_secs_f64();
         let tape = train.then(|| ViewTape {
             frame,
             splats,
