@@ -14,13 +14,10 @@ mod sh;
 
 use crate::{
     Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result, StageSeconds,
-    Style,
+    Style, TILE,
 };
 use gs_scene::{Camera, Gaussians, Image};
 use std::time::Instant;
-
-/// Side of a tile, pixels.
-const TILE: usize = 16;
 
 /// An image cut into tiles, row-major; the last column and row may reach over the edge.
 #[derive(Debug, Clone, Copy)]

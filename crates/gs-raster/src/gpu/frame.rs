@@ -4,6 +4,8 @@ use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, Style};
 use gs_scene::Camera;
 use gs_shaders::{Frame, TILE};
 
+const _: () = assert!(TILE as usize == crate::TILE, "pictures are cut alike on CPU and GPU");
+
 /// The frame of a view of a scene.
 pub(super) fn frame(
     camera: &Camera,
