@@ -150,5 +150,7 @@ pub const CULLED: u32 = u32::MAX;
 
 /// Longest standard deviation of a footprint, pixels.
 pub const SIGMA_MAX: f32 = 1e9;
+/// Share of the colour that a surface of an ellipsoid keeps which is seen edge-on.
+pub const AMBIENT: f32 = 0.3;
 /// What is added to the level of the ellipse that bounds a footprint, in units of log₂ of alpha.
 pub const LEVEL_SLACK: f32 = 1e-3;

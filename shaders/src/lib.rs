@@ -5,8 +5,8 @@ mod features;
 mod passes;
 
 pub use abi::{
-    CULLED, Frame, GEOMETRY, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PIXEL_GRADS, POSE_SUMS,
-    REJECTED, SIGMA_MAX, Scan, Sort, Splat, Surface, VISIBLE,
+    AMBIENT, CULLED, Frame, GEOMETRY, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PIXEL_GRADS,
+    POSE_SUMS, REJECTED, SIGMA_MAX, Scan, Sort, Splat, Surface, VISIBLE,
 };
 pub use features::Features;
 pub use passes::{

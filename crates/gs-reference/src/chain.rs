@@ -3,16 +3,19 @@
 
 use crate::bin::{Pairs, bin_count, bin_emit};
 use crate::frame::frame;
-use crate::project::{Footprints, project};
+use crate::project::{Footprints, project, project_ellipsoids};
 use crate::project_backward::{StoredGradients, project_backward};
 use crate::rasterize_backward::rasterize_backward;
+use crate::rasterize_ellipsoids::rasterize_ellipsoids;
 use crate::rasterize_forward::{Pixels, rasterize_forward};
 use crate::scan::scan;
 use crate::sort::sort_scatter;
 use crate::tile_ranges::tile_ranges;
 use crate::{PixelGradients, Profile};
 use gs_scene::{Camera, Gaussians};
-use gs_shaders::{Features, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PIXEL_GRADS, SORT_DIGIT_BITS, Scan, Sort};
+use gs_shaders::{
+    Features, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PIXEL_GRADS, SORT_DIGIT_BITS, Scan, Sort, Surface,
+};
 
 /// What a view is rendered from, as the passes bind it.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,10 +53,10 @@ impl View {
     }
 }
 
-/// Every buffer of a rendering.
+/// Which Gaussians lie in which tiles, and every buffer on the way there.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Forward {
-    /// As `project` writes them.
+pub struct Lists {
+    /// As `project` or `project_ellipsoids` writes them.
     pub footprints: Footprints,
     /// Indices of the Gaussians near to far, the visible ones first.
     pub order: Vec<u32>,
@@ -71,6 +74,13 @@ pub struct Forward {
     pub pair_index: Vec<u32>,
     /// Of the tiles.
     pub ranges: Vec<[u32; 2]>,
+}
+
+/// Every buffer of a rendering.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Forward {
+    /// What is composited.
+    pub lists: Lists,
     /// The picture.
     pub pixels: Pixels,
 }
@@ -78,8 +88,37 @@ pub struct Forward {
 /// Renders a view.
 #[must_use]
 pub fn forward(view: &View) -> Forward {
-    let frame = &view.frame;
-    let footprints = project(frame, &view.geometry, &view.sh, view.features);
+    let lists = lists(&view.frame, project(&view.frame, &view.geometry, &view.sh, view.features));
+    let Lists { footprints, pairs, pair_index, ranges, .. } = &lists;
+    let (splats, pair_splats) = (&footprints.splats, &pairs.splats);
+    let pixels = rasterize_forward(&view.frame, splats, pair_splats, pair_index, ranges, view.features);
+    Forward { lists, pixels }
+}
+
+/// Every buffer of a rendering of ellipsoids.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ellipsoids {
+    /// What is drawn.
+    pub lists: Lists,
+    /// As `project_ellipsoids` writes them.
+    pub surfaces: Vec<Surface>,
+    /// As `rasterize_ellipsoids` writes them.
+    pub pixels: Vec<f32>,
+}
+
+/// Renders the ellipsoids of a view.
+#[must_use]
+pub fn ellipsoids(view: &View) -> Ellipsoids {
+    let (footprints, surfaces) = project_ellipsoids(&view.frame, &view.geometry, &view.sh, view.features);
+    let lists = lists(&view.frame, footprints);
+    let Lists { footprints, pairs, pair_index, ranges, .. } = &lists;
+    let (splats, pair_splats) = (&footprints.splats, &pairs.splats);
+    let pixels = rasterize_ellipsoids(&view.frame, splats, pair_splats, pair_index, ranges, &surfaces);
+    Ellipsoids { lists, surfaces, pixels }
+}
+
+/// Sorts footprints by depth and by tile.
+fn lists(frame: &Frame, footprints: Footprints) -> Lists {
     let mut counters = footprints.counters;
     let (_, order) = sort(&counters, &footprints.depth_keys, &footprints.order, u32::BITS);
     let counts = bin_count(frame, &footprints.splats, &order, &counters);
@@ -90,9 +129,7 @@ pub fn forward(view: &View) -> Forward {
     let tile_bits = u32::BITS - (frame.tiles[0] * frame.tiles[1]).leading_zeros();
     let (sorted_tiles, pair_index) = sort(&counters, &pairs.tiles, &pairs.index, tile_bits);
     let ranges = tile_ranges(frame, &counters, &sorted_tiles);
-    let pixels =
-        rasterize_forward(frame, &footprints.splats, &pairs.splats, &pair_index, &ranges, view.features);
-    Forward { footprints, order, counts, offsets, counters, pairs, sorted_tiles, pair_index, ranges, pixels }
+    Lists { footprints, order, counts, offsets, counters, pairs, sorted_tiles, pair_index, ranges }
 }
 
 /// Sorts by the lowest `bits` of the keys, digit by digit.
@@ -122,7 +159,7 @@ pub struct Backward {
 /// If the pixel gradients do not have the size of the picture.
 #[must_use]
 pub fn backward(view: &View, rendered: &Forward, pixels: &PixelGradients) -> Backward {
-    let frame = &view.frame;
+    let (frame, lists) = (&view.frame, &rendered.lists);
     let n_pixels = (frame.size[0] * frame.size[1]) as usize;
     let lengths = [pixels.image.len(), pixels.alpha.len(), pixels.depth_sum.len()];
     assert_eq!(lengths, [n_pixels * 3, n_pixels, n_pixels], "pixel gradients by image, alpha and depth_sum");
@@ -135,10 +172,10 @@ pub fn backward(view: &View, rendered: &Forward, pixels: &PixelGradients) -> Bac
     }
     let pair_grads = rasterize_backward(
         frame,
-        &rendered.footprints.splats,
-        &rendered.pairs.splats,
-        &rendered.pair_index,
-        &rendered.ranges,
+        &lists.footprints.splats,
+        &lists.pairs.splats,
+        &lists.pair_index,
+        &lists.ranges,
         &rendered.pixels.ends,
         &pixel_grads,
         view.features,
@@ -147,8 +184,8 @@ pub fn backward(view: &View, rendered: &Forward, pixels: &PixelGradients) -> Bac
         frame,
         &view.geometry,
         &view.sh,
-        &rendered.order,
-        &rendered.offsets,
+        &lists.order,
+        &lists.offsets,
         &pair_grads,
         view.features,
     );

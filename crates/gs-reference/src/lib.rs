@@ -17,6 +17,7 @@ mod grid;
 pub mod project;
 pub mod project_backward;
 pub mod rasterize_backward;
+pub mod rasterize_ellipsoids;
 pub mod rasterize_forward;
 pub mod scan;
 mod sh;

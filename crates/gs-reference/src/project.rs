@@ -1,11 +1,12 @@
-//! Twin of the pass `project`: a Gaussian to its footprint in the image.
+//! Twin of the pass `project`: a Gaussian to its footprint in the image, or to that of its ellipsoid.
 
-use crate::ewa::{activated, footprint_of, from_camera, seen_at};
+use crate::ewa::{activated, footprint_of, from_camera, rotation_row, seen_at};
 use crate::frame::split;
 use crate::grid::ellipse_of;
 use crate::sh::{sh_at, sh_basis};
 use glam::DVec3;
-use gs_shaders::{CULLED, Features, Frame, GEOMETRY, N_COUNTERS, REJECTED, Splat, VISIBLE};
+use gs_shaders::{CULLED, Features, Frame, GEOMETRY, N_COUNTERS, REJECTED, Splat, Surface, VISIBLE};
+use std::f64::consts::{LN_2, LOG2_E};
 
 /// What the pass writes for N Gaussians.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,6 +25,44 @@ pub struct Footprints {
 /// not fit f32 is rejected.
 #[must_use]
 pub fn project(frame: &Frame, geometry: &[f32], sh: &[f32], features: Features) -> Footprints {
+    place(frame, geometry, sh, features, false)
+}
+
+/// As [`project`], but to the footprints of ellipsoids, and their fronts `[N]`: zeros where the Gaussian is not visible.
+#[must_use]
+pub fn project_ellipsoids(
+    frame: &Frame,
+    geometry: &[f32],
+    sh: &[f32],
+    features: Features,
+) -> (Footprints, Vec<Surface>) {
+    let footprints = place(frame, geometry, sh, features, true);
+    let mut surfaces = vec![Surface::default(); footprints.splats.len()];
+    for (index, surface) in surfaces.iter_mut().enumerate() {
+        if footprints.depth_keys[index] != CULLED {
+            *surface = surface_of(frame, geometry, index, features);
+        }
+    }
+    (footprints, surfaces)
+}
+
+/// The front of a Gaussian, from the covariance of the image coordinates (e, dy) and z, of which e and dy are independent.
+fn surface_of(frame: &Frame, geometry: &[f32], index: usize, features: Features) -> Surface {
+    let gaussian = activated(geometry, index);
+    let f = footprint_of(frame, &gaussian, &seen_at(frame, gaussian.mean), features);
+    let along_z = gaussian.axes.transpose() * rotation_row(frame, 2) * f.scale;
+    let [a, g] = [f.falloff.x, f.falloff.y].map(|falloff| -2.0 * LN_2 * falloff);
+    let (with_e, with_y) = ((f.u - f.shear * f.v).dot(along_z), f.v.dot(along_z));
+    let variance = along_z.length_squared() - a * with_e * with_e - g * with_y * with_y;
+    Surface {
+        slope_e: (a * with_e) as f32,
+        slope_y: (g * with_y) as f32,
+        sigma_z: variance.max(0.0).sqrt() as f32,
+        padding: 0.0,
+    }
+}
+
+fn place(frame: &Frame, geometry: &[f32], sh: &[f32], features: Features, as_ellipsoid: bool) -> Footprints {
     let n = frame.n_gaussians as usize;
     let mut out = Footprints {
         splats: vec![Splat::default(); n],
@@ -32,7 +71,7 @@ pub fn project(frame: &Frame, geometry: &[f32], sh: &[f32], features: Features) 
         counters: [0; N_COUNTERS],
     };
     for index in 0..n {
-        match splat_of(frame, geometry, sh, index, features) {
+        match splat_of(frame, geometry, sh, index, features, as_ellipsoid) {
             Fate::Visible(splat) => {
                 out.splats[index] = splat;
                 out.depth_keys[index] = splat.depth.to_bits();
@@ -53,7 +92,14 @@ enum Fate {
     Rejected,
 }
 
-fn splat_of(frame: &Frame, geometry: &[f32], sh: &[f32], index: usize, features: Features) -> Fate {
+fn splat_of(
+    frame: &Frame,
+    geometry: &[f32],
+    sh: &[f32],
+    index: usize,
+    features: Features,
+    as_ellipsoid: bool,
+) -> Fate {
     if !geometry[index * GEOMETRY..][..GEOMETRY].iter().all(|value| value.is_finite()) {
         return Fate::Rejected;
     }
@@ -76,13 +122,20 @@ fn splat_of(frame: &Frame, geometry: &[f32], sh: &[f32], index: usize, features:
         coefficients.iter().zip(sh_basis(direction)).map(|(&c, y)| c * y).sum::<DVec3>() + 0.5;
     let (mean, mean_low) = split(footprint.mean.to_array());
     let ([shear], [shear_low]) = split([footprint.shear]);
+    // At `ellipsoid_sigma` an ellipsoid reaches alpha_min: that is where it ends.
+    let sigma = f64::from(frame.ellipsoid_sigma);
+    let log2_opacity = if as_ellipsoid {
+        f64::from(frame.alpha_min).log2() + 0.5 * LOG2_E * sigma * sigma
+    } else {
+        footprint.opacity.log2()
+    };
     let splat = Splat {
         mean,
         mean_low,
         falloff: footprint.falloff.as_vec2().to_array(),
         shear,
         shear_low,
-        log2_opacity: footprint.opacity.log2() as f32,
+        log2_opacity: log2_opacity as f32,
         rgb: colour.max(DVec3::ZERO).as_vec3().to_array(),
         depth,
         padding: 0.0,

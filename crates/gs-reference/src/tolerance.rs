@@ -43,6 +43,10 @@ pub const TWIN_GRADIENT: f64 = 3e-5;
 /// terms of about 1 by 6e-8.
 pub const TWIN_GRADIENT_ABSOLUTE: f64 = 1e-6;
 
+/// The twins of the ellipsoid view against the definition, pixels, relative to the largest value (at least 1): the rounding of
+/// the interfaces, divided by what the square root of the front's equation comes down to, 0.1.
+pub const TWIN_ELLIPSOID: f64 = 1e-5;
+
 /// Factor on the deviation that plain f32 has on the same case: room for another order of the same operations.
 pub const F32_FACTOR: f64 = 10.0;
 

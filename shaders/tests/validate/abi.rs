@@ -2,7 +2,7 @@
 
 use crate::gate::parse;
 use gs_shaders::{
-    BIN, CULLED, Frame, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PASSES, POSE_SUMS, PROJECT,
+    AMBIENT, BIN, CULLED, Frame, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PASSES, POSE_SUMS, PROJECT,
     PROJECT_BACKWARD, Pass, RASTERIZE_ELLIPSOIDS, REJECTED, SCAN, SIGMA_MAX, SORT, SORT_DIGIT_BITS, Scan,
     Sort, Splat, Surface, VISIBLE,
 };
@@ -135,5 +135,7 @@ fn real_numbers_are_the_same() {
         assert_eq!(constant(&PROJECT, name), Literal::F32(expected as f32), "{name}");
     }
     assert_eq!(constant(&PROJECT_BACKWARD, "LN_2"), Literal::F32(LN_2 as f32));
+    assert_eq!(constant(&RASTERIZE_ELLIPSOIDS, "LN_2"), Literal::F32(LN_2 as f32));
+    assert_eq!(constant(&RASTERIZE_ELLIPSOIDS, "AMBIENT"), Literal::F32(AMBIENT));
     assert_eq!(constant(&PROJECT, "SH_C0"), Literal::F32(gs_scene::SH_C0));
 }

@@ -1,5 +1,6 @@
 //! The twins of the shader passes, one after another, against the naive renderer; and what each of them promises by itself.
 
+mod ellipsoids;
 mod passes;
 
 use crate::golden::cases;

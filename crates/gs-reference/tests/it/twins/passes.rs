@@ -39,16 +39,16 @@ proptest! {
         let n_tiles = view.frame.tiles[0] * view.frame.tiles[1];
         let (mut found_pairs, mut needed_pairs) = (0, 0);
         let mut seen = BTreeSet::new();
-        for rank in 0..rendered.counters[VISIBLE as usize] as usize {
-            let index = rendered.order[rank];
+        for rank in 0..rendered.lists.counters[VISIBLE as usize] as usize {
+            let index = rendered.lists.order[rank];
             seen.insert(index);
-            let pairs = rendered.offsets[rank] as usize..rendered.offsets[rank + 1] as usize;
-            prop_assert_eq!(pairs.len(), rendered.counts[rank] as usize);
-            let found: BTreeSet<u32> = rendered.pairs.tiles[pairs.clone()].iter().copied().collect();
+            let pairs = rendered.lists.offsets[rank] as usize..rendered.lists.offsets[rank + 1] as usize;
+            prop_assert_eq!(pairs.len(), rendered.lists.counts[rank] as usize);
+            let found: BTreeSet<u32> = rendered.lists.pairs.tiles[pairs.clone()].iter().copied().collect();
             prop_assert_eq!(found.len(), pairs.len(), "no tile twice");
             prop_assert!(found.iter().all(|&tile| tile < n_tiles));
-            prop_assert!(rendered.pairs.splats[pairs].iter().all(|&splat| splat == index));
-            let needed = tiles_by_force(&view.frame, &rendered.footprints.splats[index as usize], n_tiles);
+            prop_assert!(rendered.lists.pairs.splats[pairs].iter().all(|&splat| splat == index));
+            let needed = tiles_by_force(&view.frame, &rendered.lists.footprints.splats[index as usize], n_tiles);
             prop_assert!(found.is_superset(&needed), "{found:?} lack some of {needed:?}");
             found_pairs += found.len();
             needed_pairs += needed.len();
@@ -56,7 +56,7 @@ proptest! {
         // An ellipse may pass between pixel centres, and through the corners of a row's first and last tile: a Gaussian has
         // seldom more than one tile in vain.
         prop_assert!(found_pairs <= needed_pairs + 2 * seen.len(), "{found_pairs} pairs, {needed_pairs} needed");
-        prop_assert_eq!(rendered.counters[N_PAIRS as usize] as usize, found_pairs);
+        prop_assert_eq!(rendered.lists.counters[N_PAIRS as usize] as usize, found_pairs);
     }
 
     #[test]
@@ -105,26 +105,26 @@ fn sums_saturate() {
 fn pairs_beyond_the_room_are_left_out_and_missing_ones_have_no_tile() {
     let mut view = Setup::new(3, 8, 0, [39, 37], false, false).view();
     let full = forward(&view);
-    let n_pairs = full.counters[N_PAIRS as usize];
+    let n_pairs = full.lists.counters[N_PAIRS as usize];
     let n_tiles = view.frame.tiles[0] * view.frame.tiles[1];
     assert!(n_pairs > 20);
     view.frame.pair_capacity = 11;
-    let splats = &full.footprints.splats;
-    let pairs = bin_emit(&view.frame, splats, &full.order, &full.counters, &full.offsets);
-    assert_eq!((pairs.tiles.len(), &pairs.tiles[..]), (11, &full.pairs.tiles[..11]));
+    let splats = &full.lists.footprints.splats;
+    let pairs = bin_emit(&view.frame, splats, &full.lists.order, &full.lists.counters, &full.lists.offsets);
+    assert_eq!((pairs.tiles.len(), &pairs.tiles[..]), (11, &full.lists.pairs.tiles[..11]));
     assert!(pairs.index.iter().copied().eq(0..11));
     // Only as many pairs are looked at as there is room for.
-    let ranges = tile_ranges(&view.frame, &full.counters, &full.sorted_tiles);
+    let ranges = tile_ranges(&view.frame, &full.lists.counters, &full.lists.sorted_tiles);
     assert_eq!(ranges.iter().map(|[first, end]| end - first).sum::<u32>(), 11);
     // Had a Gaussian announced one tile more, it would have a pair with none.
     view.frame.pair_capacity = u32::MAX;
-    let counts = bin_count(&view.frame, splats, &full.order, &full.counters);
-    let mut offsets = full.offsets.clone();
+    let counts = bin_count(&view.frame, splats, &full.lists.order, &full.lists.counters);
+    let mut offsets = full.lists.offsets.clone();
     offsets.iter_mut().skip(1).for_each(|offset| *offset += 1);
-    let pairs = bin_emit(&view.frame, splats, &full.order, &full.counters, &offsets);
+    let pairs = bin_emit(&view.frame, splats, &full.lists.order, &full.lists.counters, &offsets);
     assert_eq!(pairs.tiles[counts[0] as usize], n_tiles);
     let tiles: Vec<u32> = pairs.tiles.iter().copied().filter(|&tile| tile < n_tiles).collect();
-    assert_eq!(tiles, full.pairs.tiles);
+    assert_eq!(tiles, full.lists.pairs.tiles);
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn what_is_not_finite_is_rejected_and_takes_no_part() {
     let setup = Setup::new(5, 9, 3, [33, 17], true, true);
     let clean = setup.view();
     let truth = forward(&clean);
-    let n_rejected = truth.counters[REJECTED as usize];
+    let n_rejected = truth.lists.counters[REJECTED as usize];
     assert_eq!(n_rejected, 0);
     let mut bad = vec![[1.0f32; 11]];
     for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
@@ -157,9 +157,9 @@ fn what_is_not_finite_is_rejected_and_takes_no_part() {
     view.sh = [vec![0.0; bad.len() * coefficients], clean.sh.clone()].concat();
     view.frame.n_gaussians += bad.len() as u32;
     let found = forward(&view);
-    assert_eq!(found.counters[REJECTED as usize] as usize, bad.len());
-    assert_eq!(found.counters[VISIBLE as usize], truth.counters[VISIBLE as usize]);
-    assert!(found.footprints.depth_keys[..bad.len()].iter().all(|&key| key == CULLED));
+    assert_eq!(found.lists.counters[REJECTED as usize] as usize, bad.len());
+    assert_eq!(found.lists.counters[VISIBLE as usize], truth.lists.counters[VISIBLE as usize]);
+    assert!(found.lists.footprints.depth_keys[..bad.len()].iter().all(|&key| key == CULLED));
     assert_eq!(found.pixels.pixels, truth.pixels.pixels);
     let by = backward(&view, &found, &setup.weights).stored;
     let expected = backward(&clean, &truth, &setup.weights).stored;
@@ -168,9 +168,9 @@ fn what_is_not_finite_is_rejected_and_takes_no_part() {
     assert_eq!(of_clean, expected.geometry);
     // A colour that is not finite counts as well.
     view = clean.clone();
-    let visible = truth.order[0] as usize;
+    let visible = truth.lists.order[0] as usize;
     view.sh[visible * coefficients] = f32::NAN;
-    assert_eq!(forward(&view).counters[REJECTED as usize], 1);
+    assert_eq!(forward(&view).lists.counters[REJECTED as usize], 1);
 }
 
 #[test]
@@ -185,7 +185,7 @@ fn scenes_without_anything_to_see_are_background() {
         let found = forward(&view);
         let [r, g, b] = setup.background;
         assert_eq!(found.pixels.pixels, [r, g, b, 1.0, 0.0, 0.0]);
-        assert_eq!((found.pixels.ends, found.ranges), (vec![0], vec![[0, 0]]));
+        assert_eq!((found.pixels.ends, found.lists.ranges), (vec![0], vec![[0, 0]]));
         let found = forward(&view);
         let by = backward(&view, &found, &setup.weights);
         assert_eq!(by.pair_grads.len() / PAIR_GRADS, 0);
