@@ -118,8 +118,9 @@ fn is_placed(index: u32, as_ellipsoid: bool) -> bool {
         atomicAdd(&counters[REJECTED], 1u);
         return false;
     }
-    let low = splat.mean - ellipse.extent;
-    let high = splat.mean + ellipse.extent;
+    let slack = REACH_SLACK * (abs(splat.mean) + ellipse.extent);
+    let low = splat.mean - ellipse.extent - slack;
+    let high = splat.mean + ellipse.extent + slack;
     if !(all(high >= vec2f(0.5)) && all(low <= vec2f(frame.size) - vec2f(0.5))) {
         return false;
     }

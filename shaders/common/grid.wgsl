@@ -6,6 +6,9 @@ override TILE: u32;
 // rasterizer, which decides by alpha itself, and too small to cost anything.
 const LEVEL_SLACK: f32 = 1e-3;
 
+// Added to the reach of an ellipse, relative to the numbers that it is the difference of.
+const REACH_SLACK: f32 = 1e-6;
+
 // The ellipse outside which alpha is below alpha_min.
 struct Ellipse {
     mean: vec2f,
@@ -26,8 +29,10 @@ fn ellipse_of(splat: Splat, log2_alpha_min: f32) -> Ellipse {
 
 // First tile and the one after the last along an axis of whose pixel centres some may lie in middle + [low, high].
 fn tiles_between(middle: f32, low: f32, high: f32, size: u32) -> vec2u {
-    let first = max(ceil(middle + low - 0.5), 0.0);
-    let last = min(floor(middle + high - 0.5), f32(size) - 1.0);
+    // What the sums may be rounded by: nothing of note, but for needles that reach into the image from far away.
+    let slack = REACH_SLACK * (abs(middle) + max(abs(low), abs(high)));
+    let first = max(ceil(middle + low - slack - 0.5), 0.0);
+    let last = min(floor(middle + high + slack - 0.5), f32(size) - 1.0);
     if !(first <= last) {
         return vec2u(0u, 0u);
     }

@@ -154,3 +154,5 @@ pub const SIGMA_MAX: f32 = 1e9;
 pub const AMBIENT: f32 = 0.3;
 /// What is added to the level of the ellipse that bounds a footprint, in units of log₂ of alpha.
 pub const LEVEL_SLACK: f32 = 1e-3;
+/// Added to the reach of an ellipse, relative to the numbers that it is the difference of.
+pub const REACH_SLACK: f32 = 1e-6;

@@ -6,7 +6,7 @@ mod passes;
 
 pub use abi::{
     AMBIENT, CULLED, Frame, GEOMETRY, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PIXEL_GRADS,
-    POSE_SUMS, REJECTED, SIGMA_MAX, Scan, Sort, Splat, Surface, VISIBLE,
+    POSE_SUMS, REACH_SLACK, REJECTED, SIGMA_MAX, Scan, Sort, Splat, Surface, VISIBLE,
 };
 pub use features::Features;
 pub use passes::{

@@ -1,7 +1,7 @@
 //! Which tiles a footprint touches: what the passes `project` and `bin` share.
 
 use crate::frame::join;
-use gs_shaders::{Frame, LEVEL_SLACK, Splat, TILE};
+use gs_shaders::{Frame, LEVEL_SLACK, REACH_SLACK, Splat, TILE};
 use std::ops::Range;
 
 /// The ellipse outside which alpha is below `alpha_min`.
@@ -29,8 +29,9 @@ pub(crate) fn ellipse_of(splat: &Splat, log2_alpha_min: f64) -> Ellipse {
 
 /// Tiles along an axis of whose pixel centres some may lie in middle + [low, high].
 fn tiles_between(middle: f64, low: f64, high: f64, size: u32) -> Range<u32> {
-    let first = (middle + low - 0.5).ceil().max(0.0);
-    let last = (middle + high - 0.5).floor().min(f64::from(size) - 1.0);
+    let slack = f64::from(REACH_SLACK) * (middle.abs() + low.abs().max(high.abs()));
+    let first = (middle + low - slack - 0.5).ceil().max(0.0);
+    let last = (middle + high + slack - 0.5).floor().min(f64::from(size) - 1.0);
     if first <= last { first as u32 / TILE..last as u32 / TILE + 1 } else { 0..0 }
 }
 

@@ -5,7 +5,9 @@ use crate::frame::split;
 use crate::grid::ellipse_of;
 use crate::sh::{sh_at, sh_basis};
 use glam::DVec3;
-use gs_shaders::{CULLED, Features, Frame, GEOMETRY, N_COUNTERS, REJECTED, Splat, Surface, VISIBLE};
+use gs_shaders::{
+    CULLED, Features, Frame, GEOMETRY, N_COUNTERS, REACH_SLACK, REJECTED, Splat, Surface, VISIBLE,
+};
 use std::f64::consts::{LN_2, LOG2_E};
 
 /// What the pass writes for N Gaussians.
@@ -157,6 +159,7 @@ fn splat_of(
     }
     let touches = (0..2).all(|axis| {
         let (mean, extent) = (ellipse.mean[axis], ellipse.extent[axis]);
+        let extent = extent + f64::from(REACH_SLACK) * (mean.abs() + extent);
         mean + extent >= 0.5 && mean - extent <= f64::from(frame.size[axis]) - 0.5
     });
     if !touches {

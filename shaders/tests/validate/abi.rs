@@ -3,8 +3,8 @@
 use crate::gate::parse;
 use gs_shaders::{
     AMBIENT, BIN, CULLED, Frame, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PASSES, POSE_SUMS, PROJECT,
-    PROJECT_BACKWARD, Pass, RASTERIZE_ELLIPSOIDS, REJECTED, SCAN, SIGMA_MAX, SORT, SORT_DIGIT_BITS, Scan,
-    Sort, Splat, Surface, VISIBLE,
+    PROJECT_BACKWARD, Pass, RASTERIZE_ELLIPSOIDS, REACH_SLACK, REJECTED, SCAN, SIGMA_MAX, SORT,
+    SORT_DIGIT_BITS, Scan, Sort, Splat, Surface, VISIBLE,
 };
 use naga::{Expression, Literal, TypeInner};
 use std::f64::consts::{LN_2, LOG2_E, PI};
@@ -118,6 +118,7 @@ fn real_numbers_are_the_same() {
     let numbers = [
         ("SIGMA_MAX", f64::from(SIGMA_MAX)),
         ("LEVEL_SLACK", f64::from(LEVEL_SLACK)),
+        ("REACH_SLACK", f64::from(REACH_SLACK)),
         ("LOG2_E", LOG2_E),
         // The real spherical harmonics by their normalisation.
         ("SH_C0", root(1.0, 4.0)),
