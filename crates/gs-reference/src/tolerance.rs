@@ -43,6 +43,10 @@ pub const TWIN_GRADIENT: f64 = 3e-5;
 /// terms of about 1 by 6e-8.
 pub const TWIN_GRADIENT_ABSOLUTE: f64 = 1e-6;
 
+/// The definition of ellipsoid views against quadrics by the inverse of a covariance, relative to the largest value (at least
+/// 1): standard deviations that differ by a factor of 500 cost the inverse six digits, near the rim some more are lost.
+pub const QUADRIC: f64 = 1e-7;
+
 /// The twins of the ellipsoid view against the definition, pixels, relative to the largest value (at least 1): the rounding of
 /// the interfaces, divided by what the square root of the front's equation comes down to, 0.1.
 pub const TWIN_ELLIPSOID: f64 = 1e-5;
@@ -77,8 +81,36 @@ pub const CANCELLED: f64 = 1e-12;
 /// is ten times that in the opacity.
 pub const F32_RANDOM_GRADIENT: f64 = 1e-4;
 
+/// A pass on a GPU against its twin: centres of footprints, pixels, relative to the largest (at least 1). They are sums of two f32,
+/// good to 2⁻⁴⁴; 2e4 units from the world's origin that is 1e-9 units.
+pub const PASS_POSITION: f64 = 1e-8;
+
+/// A pass on a GPU against its twin: numbers that few roundings made, relative. WGSL lets exp be off by 3 + 2 |x| units of the
+/// last place: at the logarithm of a scale of -10 by 1.4e-6, which counts twice in a variance.
+pub const PASS_NUMBER: f64 = 1e-5;
+
+/// A pass on a GPU against its twin: standard deviations along the rays of ellipsoids, relative to those along z: of a needle seen
+/// from the side the square root is left of a difference that cancels, and f32 has 1e-6 of what cancels.
+pub const PASS_SIGMA_Z: f64 = 1e-3;
+
+/// A pass on a GPU against its twin: pixels, relative to the largest (at least 1 but for depths). exp2 may be off by 20 units of
+/// the last place where a Gaussian ends.
+pub const PASS_PIXEL: f64 = 1e-5;
+
+/// A pass on a GPU against its twin: colours of ellipsoids, relative to the largest. Near the rim the front rises by the root of a
+/// difference, which makes 1e-3 of a rounding.
+pub const PASS_ELLIPSOID: f64 = 1e-3;
+
+/// A pass on a GPU against its twin: derivatives, relative to the largest of a kind. What stands behind a Gaussian is divided by
+/// 1 - alpha, which comes down to 1e-2, at each.
+pub const PASS_GRADIENT: f64 = 1e-4;
+
 /// Distance of a decision from its threshold, relative, below which f32 may decide otherwise.
 pub const AMBIGUOUS: f64 = 5e-4;
+
+/// The same in ellipsoid views. There it is the depth and the turn of a front that f32 loses near the rim, where both change with
+/// the square root of the distance from it.
+pub const AMBIGUOUS_ELLIPSOID: f64 = 1e-2;
 
 /// Bound on the largest deviation of an f32 renderer, given the deviation of plain f32 on the same output if known.
 #[must_use]
@@ -105,6 +137,13 @@ pub fn f32_gradient_bound(deviation: &Deviation, golden: &GoldenGradient) -> f64
 #[must_use]
 pub fn twin_gradient_bound(deviation: &Deviation) -> f64 {
     TWIN_GRADIENT * deviation.largest + TWIN_GRADIENT_ABSOLUTE
+}
+
+/// Bound on the largest deviation of a pass on a GPU from its twin in a derivative; that rounding in f64 makes something of one
+/// that is 0 by symmetry is granted.
+#[must_use]
+pub fn pass_gradient_bound(deviation: &Deviation) -> f64 {
+    PASS_GRADIENT * deviation.largest + ROUNDING_F64
 }
 
 /// Bound on the largest deviation of gs-reference from a golden gradient.

@@ -3,8 +3,12 @@
 mod check;
 mod fixtures;
 mod golden;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod gradients;
 mod hostile;
 mod losses;
+#[cfg(feature = "gpu")]
+mod parity;
 mod properties;
 mod scenes;
