@@ -3,6 +3,7 @@
 use crate::figures::{Dropped, MeanRow, WindowRow, means};
 use crate::window::run_window;
 use crate::{Outcome, Plan, Step, Window};
+use gs_raster::Rasterizer;
 use serde::Serialize;
 use sparsesplat::Config;
 
@@ -78,12 +79,13 @@ pub fn evaluate(
     plans: &[Plan],
     config: &Config,
     seeds: &[u64],
+    rasterizer: &mut Rasterizer,
     on_event: &mut dyn FnMut(Event<'_>),
 ) -> Evaluation {
     assert!(!seeds.is_empty(), "an evaluation needs at least one seed");
     let (mut windows, mut dropped) = (Vec::new(), Vec::new());
     for plan in plans {
-        match run_plan(plan, config, seeds, on_event) {
+        match run_plan(plan, config, seeds, rasterizer, on_event) {
             Ok(row) => windows.push(row),
             Err(error) => {
                 let entry = Dropped::new(plan.name(), &error);
@@ -101,6 +103,7 @@ fn run_plan(
     plan: &Plan,
     config: &Config,
     seeds: &[u64],
+    rasterizer: &mut Rasterizer,
     on_event: &mut dyn FnMut(Event<'_>),
 ) -> crate::Result<WindowRow> {
     on_event(Event::Run { name: plan.name(), seed: seeds[0] });
@@ -112,7 +115,7 @@ fn run_plan(
             on_event(Event::Run { name: plan.name(), seed });
         }
         let config = Config { seed, depth_range: plan.depth_range(config.depth_range), ..config.clone() };
-        let outcome = run_window(&window, &config, &mut |step| on_event(Event::Step(step)))?;
+        let outcome = run_window(&window, &config, rasterizer, &mut |step| on_event(Event::Step(step)))?;
         on_event(Event::Done { window: &window, outcome: &outcome });
         runs.push(outcome.figures);
     }

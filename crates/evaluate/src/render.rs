@@ -2,7 +2,7 @@
 
 use crate::Result;
 use glam::DVec3;
-use gs_raster::{RenderSettings, render};
+use gs_raster::{Rasterizer, RenderSettings};
 use gs_scene::{Camera, Gaussians, Image};
 
 /// A rendered view.
@@ -16,14 +16,14 @@ pub struct Rendered {
     pub depth: Vec<f32>,
 }
 
-/// Renders a view over black, on the processor.
+/// Renders a view over black.
 ///
 /// # Errors
-/// If the Gaussians touch more tiles than memory can hold.
-pub fn render_view(gaussians: &Gaussians, camera: &Camera) -> Result<Rendered> {
+/// If the Gaussians touch more tiles than memory can hold, or the GPU that is used cannot hold the scene, or fails.
+pub fn render_view(rasterizer: &mut Rasterizer, gaussians: &Gaussians, camera: &Camera) -> Result<Rendered> {
     let settings =
         RenderSettings { near: near_plane(gaussians, camera), depth: true, ..RenderSettings::default() };
-    let mut rendering = render(gaussians, camera, &settings)?;
+    let mut rendering = rasterizer.render(gaussians, camera, &settings)?;
     for value in rendering.image.data_mut() {
         *value = value.clamp(0.0, 1.0);
     }
@@ -75,22 +75,26 @@ mod tests {
         scene
     }
 
+    fn on_cpu(scene: &Gaussians) -> Result<Rendered> {
+        render_view(&mut Rasterizer::cpu(), scene, &camera())
+    }
+
     #[test]
     fn the_near_plane_follows_the_scale() {
         assert_eq!(near_plane(&scene(&[100.0]), &camera()), 2.0);
         assert_eq!(near_plane(&scene(&[-5.0, f32::NAN, 1.0]), &camera()), 0.02);
         assert_eq!(near_plane(&scene(&[-5.0]), &camera()), 0.01);
-        assert!(render_view(&scene(&[1e30]), &camera()).is_ok());
-        assert!(render_view(&scene(&[1e-38]), &camera()).is_ok());
+        assert!(on_cpu(&scene(&[1e30])).is_ok());
+        assert!(on_cpu(&scene(&[1e-38])).is_ok());
     }
 
     #[test]
     fn colours_are_clipped_and_nothing_is_black() {
-        let rendered = render_view(&scene(&[2.0]), &camera()).unwrap();
+        let rendered = on_cpu(&scene(&[2.0])).unwrap();
         let largest = rendered.image.data().iter().copied().fold(0.0, f32::max);
         assert_eq!(largest, 1.0);
         assert!((rendered.depth[8 * 20 + 10] - 2.0).abs() < 1e-3);
-        let empty = render_view(&scene(&[]), &camera()).unwrap();
+        let empty = on_cpu(&scene(&[])).unwrap();
         assert!(empty.image.data().iter().chain(&empty.alpha).chain(&empty.depth).all(|v| *v == 0.0));
     }
 }

@@ -3,6 +3,7 @@
 use crate::figures::{Figures, Seconds, Target, WindowFigures, mean};
 use crate::render::{Rendered, render_view};
 use crate::{Error, Result};
+use gs_raster::Rasterizer;
 use gs_scene::{Image, View};
 use image_metrics::{psnr, ssim};
 use sparsesplat::{Config, Prediction, Stage, predict};
@@ -86,14 +87,20 @@ pub fn reconstruct_window(
 /// are, floats clipped to 0..1, over a black background, in the common exposure: nothing is fitted to a target.
 ///
 /// # Errors
-/// If the views do not suffice for the settings, or the sizes of two pictures that are to be compared differ.
-pub fn run_window(window: &Window, config: &Config, on_step: &mut dyn FnMut(Step)) -> Result<Outcome> {
+/// If the views do not suffice for the settings, a view cannot be rendered, or the sizes of two pictures that are to be
+/// compared differ.
+pub fn run_window(
+    window: &Window,
+    config: &Config,
+    rasterizer: &mut Rasterizer,
+    on_step: &mut dyn FnMut(Step),
+) -> Result<Outcome> {
     let Outcome { mut figures, prediction, .. } = reconstruct_window(window, config, on_step)?;
     let mut render_seconds = 0.0;
     let mut render_timed = |view: &View| {
         on_step(Step::Render);
         let begin = Instant::now();
-        let rendered = render_view(&prediction.gaussians, view.camera());
+        let rendered = render_view(rasterizer, &prediction.gaussians, view.camera());
         render_seconds += begin.elapsed().as_secs_f64();
         rendered
     };

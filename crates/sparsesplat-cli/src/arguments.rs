@@ -14,7 +14,7 @@ pub(crate) struct Common {
     /// Threads that work [default: one per core]
     #[arg(long, value_name = "N", value_parser = positive, global = true)]
     pub(crate) threads: Option<usize>,
-    /// Where to render; this build renders on the processor
+    /// Where to render
     #[arg(long, value_enum, default_value = "auto", global = true)]
     pub(crate) device: Device,
 }
@@ -22,9 +22,11 @@ pub(crate) struct Common {
 /// Where to render.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Device {
-    /// The best there is
+    /// On a GPU if there is a real one that passes the self-test, else on the processor
     Auto,
-    /// The processor
+    /// On a GPU, or on a software adapter where there is no other
+    Gpu,
+    /// On the processor
     Cpu,
 }
 

@@ -1,6 +1,7 @@
 //! `demo`: the main job on a simulated scene.
 
 use crate::arguments::{Common, Pipeline, Range, size};
+use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::summary::{counts_line, memory_line, print, print_line, seconds_line};
@@ -45,6 +46,7 @@ struct Record<'a, C> {
     row: &'a WindowRow,
     /// Ray tracing of the photographs; not part of `seconds`.
     simulation_seconds: f64,
+    device: &'a UsedDevice,
     peak_rss_bytes: Option<u64>,
 }
 
@@ -56,13 +58,15 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     output::check_folder(&arguments.output)?;
     let config = arguments.pipeline.config(arguments.seed);
+    let mut rasterizer = device::rasterizer(common.device)?;
+    let device = UsedDevice::of(&rasterizer);
     let progress = Progress::new(1);
     progress.say("ray-tracing the photographs");
     let begin = Instant::now();
     let window = simulated_window(arguments.size.unwrap_or(SIMULATED_SIZE)).or_input()?;
     let simulation = begin.elapsed().as_secs_f64();
-    let mut outcome =
-        run_window(&window, &config, &mut |step| progress.say(describe(step))).map_err(Failure::sorted)?;
+    let mut outcome = run_window(&window, &config, &mut rasterizer, &mut |step| progress.say(describe(step)))
+        .map_err(Failure::sorted)?;
 
     progress.say("writing");
     let begin = Instant::now();
@@ -101,7 +105,13 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     report.window(&window, &outcome, PictureLimits::ONE_WINDOW).or_work()?;
     let page = arguments.output.join("report.html");
     output::write_text(&page, &report.to_html(&output::to_json(&recipe)?))?;
-    let record = Record { recipe: &recipe, row: &row, simulation_seconds: simulation, peak_rss_bytes: peak };
+    let record = Record {
+        recipe: &recipe,
+        row: &row,
+        simulation_seconds: simulation,
+        device: &device,
+        peak_rss_bytes: peak,
+    };
     output::write_json(&arguments.output.join("result.json"), &record)?;
     if let Some(path) = &common.json {
         output::write_json(path, &record)?;
@@ -118,6 +128,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&counts_line(&outcome.figures));
     print_line(&seconds_line(&outcome.figures));
     print_line(&memory_line(peak));
+    print_line(&device.line());
     print_line(&format!("scene      {}", scene.display()));
     print_line(&format!("report     {}", page.display()));
     Ok(())

@@ -1,6 +1,7 @@
 //! `eval`: tables of figures on data sets.
 
 use crate::arguments::{Common, Pipeline, Range, positive, size};
+use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::summary::{print, print_line};
@@ -68,6 +69,7 @@ struct Record<'a, C> {
     recipe: &'a Recipe<C>,
     #[serde(flatten)]
     evaluation: &'a Evaluation,
+    device: &'a UsedDevice,
     peak_rss_bytes: Option<u64>,
 }
 
@@ -95,12 +97,14 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     };
 
     let config = arguments.pipeline.config(seeds[0]);
+    let mut rasterizer = device::rasterizer(common.device)?;
+    let device = UsedDevice::of(&rasterizer);
     let limits = PictureLimits::for_windows(plans.len());
     let mut report = Report::new("SparseSplat evaluation", evaluate::PROTOCOL);
     let mut problem = None;
     let progress = Progress::new(plans.len() * seeds.len());
     let mut running = String::new();
-    let mut evaluation = evaluate(&plans, &config, &seeds, &mut |event| match event {
+    let mut evaluation = evaluate(&plans, &config, &seeds, &mut rasterizer, &mut |event| match event {
         Event::Run { name, seed } => running = format!("{name} (seed {seed})"),
         Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
         Event::Done { window, outcome } => {
@@ -123,11 +127,16 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
     let table = figures_table(&evaluation.windows, &evaluation.scenes, &evaluation.mean, true);
     print(&if arguments.markdown { table.to_markdown() } else { table.to_text() });
+    if !arguments.markdown {
+        print_line(&device.line());
+    }
     let peak = peak_rss_bytes();
     let settings = Settings { seeds: &seeds, reading, pipeline: &config };
     let recipe = Recipe::of_this_run(seeds[0], threads(), settings);
     if let Some(path) = &common.json {
-        output::write_json(path, &Record { recipe: &recipe, evaluation: &evaluation, peak_rss_bytes: peak })?;
+        let record =
+            Record { recipe: &recipe, evaluation: &evaluation, device: &device, peak_rss_bytes: peak };
+        output::write_json(path, &record)?;
     }
     if let Some(path) = &arguments.report {
         report.headline(&evaluation.mean.figures, peak);

@@ -2,7 +2,9 @@
 //! they are. The only place that prints.
 
 mod arguments;
+mod bench;
 mod demo;
+mod device;
 mod doctor;
 mod eval;
 mod failure;
@@ -43,6 +45,7 @@ enum Command {
     Render(render::Arguments),
     Eval(eval::Arguments),
     Doctor(doctor::Arguments),
+    Bench(bench::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -70,6 +73,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Render(arguments) => render::run(arguments, common),
         Command::Eval(arguments) => eval::run(arguments, common),
         Command::Doctor(arguments) => doctor::run(arguments, common),
+        Command::Bench(arguments) => bench::run(arguments, common),
     }
 }
 

@@ -1,6 +1,7 @@
 //! `reconstruct`: posed photographs to a scene.
 
 use crate::arguments::{Common, Pipeline, Range, positive, size};
+use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::summary::{counts_line, memory_line, print_line, seconds_line};
@@ -61,6 +62,8 @@ struct Record<'a, C> {
     choice: Option<&'a Choice>,
     #[serde(flatten)]
     figures: &'a WindowFigures,
+    /// None if nothing was rendered.
+    device: Option<&'a UsedDevice>,
     peak_rss_bytes: Option<u64>,
 }
 
@@ -78,12 +81,20 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut config = arguments.pipeline.config(arguments.seed);
     config.depth_range = plan.depth_range(config.depth_range);
 
+    let mut rasterizer = match arguments.report {
+        Some(_) => Some(device::rasterizer(common.device)?),
+        None => None,
+    };
+    let device = rasterizer.as_ref().map(UsedDevice::of);
     let progress = Progress::new(1);
     progress.say(describe(Step::Load));
     let window = plan.load(arguments.report.is_some()).or_input()?;
-    let work = if arguments.report.is_some() { run_window } else { reconstruct_window };
-    let mut outcome =
-        work(&window, &config, &mut |step| progress.say(describe(step))).map_err(Failure::sorted)?;
+    let mut on_step = |step| progress.say(describe(step));
+    let mut outcome = match &mut rasterizer {
+        Some(rasterizer) => run_window(&window, &config, rasterizer, &mut on_step),
+        None => reconstruct_window(&window, &config, &mut on_step),
+    }
+    .map_err(Failure::sorted)?;
     progress.say("writing");
     let begin = Instant::now();
     gs_scene::write_ply(&arguments.output, &outcome.prediction.gaussians).or_work()?;
@@ -106,6 +117,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             views: window.context.len(),
             choice: plan.choice(),
             figures: &outcome.figures,
+            device: device.as_ref(),
             peak_rss_bytes: peak,
         };
         output::write_json(path, &record)?;
@@ -120,6 +132,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&counts_line(&outcome.figures));
     print_line(&seconds_line(&outcome.figures));
     print_line(&memory_line(peak));
+    if let Some(device) = &device {
+        print_line(&device.line());
+    }
     print_line(&format!("scene      {}", arguments.output.display()));
     if let Some(path) = &arguments.report {
         print_line(&format!("report     {}", path.display()));

@@ -1,6 +1,7 @@
 //! `render`: a scene to pictures.
 
 use crate::arguments::{Common, size};
+use crate::device::{self, UsedDevice};
 use crate::failure::{OrFail, Outcome};
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
@@ -41,6 +42,7 @@ struct Record {
     recipe: Recipe<()>,
     gaussians: usize,
     views: Vec<ViewRecord>,
+    device: UsedDevice,
     peak_rss_bytes: Option<u64>,
 }
 
@@ -57,12 +59,14 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let gaussians = gs_scene::read_ply(&arguments.scene).or_input()?;
     let cameras = cameras(arguments)?;
     output::check_folder(&arguments.output)?;
+    let mut rasterizer = device::rasterizer(common.device)?;
+    let device = UsedDevice::of(&rasterizer);
     let progress = Progress::new(cameras.len());
     let mut rendered: Vec<(Rendered, f64)> = Vec::with_capacity(cameras.len());
     for (name, camera) in &cameras {
         progress.say(name.as_str());
         let begin = Instant::now();
-        let view = render_view(&gaussians, camera).or_work()?;
+        let view = render_view(&mut rasterizer, &gaussians, camera).or_work()?;
         rendered.push((view, begin.elapsed().as_secs_f64()));
         progress.step();
     }
@@ -82,13 +86,12 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&format!("{} views of {} Gaussians", views.len(), count(gaussians.len() as f64)));
     print_line(&format!("seconds    {total:.2}, {:.4} a view", total / views.len() as f64));
     print_line(&memory_line(peak));
+    print_line(&device.line());
     print_line(&format!("pictures   {}", arguments.output.display()));
     if let Some(path) = &common.json {
         let recipe = Recipe::of_this_run(0, threads(), ());
-        output::write_json(
-            path,
-            &Record { recipe, gaussians: gaussians.len(), views, peak_rss_bytes: peak },
-        )?;
+        let record = Record { recipe, gaussians: gaussians.len(), views, device, peak_rss_bytes: peak };
+        output::write_json(path, &record)?;
     }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use crate::tiny::{RANGE, SIZE, Tiny, call, read_json, window};
 use evaluate::{reconstruct_window, render_view};
+use gs_raster::Rasterizer;
 use gs_scene::{read_ply, write_ply};
 use serde_json::Value;
 use sparsesplat::{Budget, Config, DepthRange};
@@ -69,8 +70,9 @@ fn a_written_and_read_scene_renders_as_before() {
 
     for (view, name) in [(&window().targets[0], "view-01"), (&window().context[2], "view-04")] {
         assert_eq!(view.name(), name);
-        let before = render_view(&scene, view.camera()).unwrap().image;
-        let after = render_view(&read, view.camera()).unwrap().image;
+        let mut rasterizer = Rasterizer::cpu();
+        let before = render_view(&mut rasterizer, &scene, view.camera()).unwrap().image;
+        let after = render_view(&mut rasterizer, &read, view.camera()).unwrap().image;
         let worst = before.data().iter().zip(after.data()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(worst <= 1e-3, "{name}: {worst}");
         let decoder = image::open(output.join(format!("{name}.png"))).unwrap().to_rgb8();
@@ -167,7 +169,7 @@ fn the_demo_writes_scene_pictures_and_report() {
 
 #[test]
 fn help_teaches_and_the_doctor_passes() {
-    for command in ["demo", "reconstruct", "render", "eval"] {
+    for command in ["demo", "reconstruct", "render", "eval", "bench"] {
         let help = call(&[command, "--help"]).succeeded().stdout;
         assert!(help.contains("Examples:") && help.contains(&format!("sparsesplat {command}")), "{help}");
     }

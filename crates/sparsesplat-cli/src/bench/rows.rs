@@ -1,0 +1,175 @@
+//! Rows: what was measured, and what follows from it.
+
+use super::measure::{Job, Measured, Runner};
+use evaluate::{Table, count};
+use gs_raster::TILE;
+use gs_scene::{Camera, Gaussians, sh_coefficients};
+use serde::Serialize;
+
+/// How [`Row::bytes`] and [`Row::pixel_pairs`] are counted, in words.
+pub(super) const MODEL: &str = "bytes: the least that must move: stored numbers of every Gaussian read once, 40 bytes written \
+and read for each visible one, 4 bytes written and read for each pair of Gaussian and tile, 16 bytes written for each pixel \
+(20 with depth); the backward pass reads all this again, reads the pixel gradients and writes a gradient for every stored \
+number. Gaussian-pixel pairs: pairs of Gaussian and tile times the pixels of a tile, once for each pass over the pixels; \
+pixels that are done early skip some.";
+
+/// Position, shape, opacity, colour and depth of a footprint in f32.
+const FOOTPRINT: u64 = 40;
+/// A number of 32 bits.
+const NUMBER: u64 = 4;
+
+/// One row of the JSON file.
+#[derive(Debug, Serialize)]
+pub(super) struct Row {
+    bench: &'static str,
+    #[serde(rename = "impl")]
+    implementation: &'static str,
+    case: &'static str,
+    n: usize,
+    /// No neighbours in this bench.
+    k: Option<usize>,
+    threads: usize,
+    /// Median.
+    seconds: f64,
+    seconds_min: f64,
+    seconds_max: f64,
+    /// What the GPU itself took for the forward pass: without bringing the scene there, without gradients.
+    gpu_seconds: Option<f64>,
+    peak_rss_bytes: Option<u64>,
+    /// `cpu`, or the name of the adapter.
+    device: String,
+    sh_degree: usize,
+    width: usize,
+    height: usize,
+    frames_per_second: f64,
+    visible: usize,
+    intersections: u64,
+    bytes: u64,
+    bytes_per_second: f64,
+    pixel_pairs: u64,
+    pixel_pairs_per_second: f64,
+    /// Of a feature: median over that of the plain row; else none.
+    times_plain: Option<f64>,
+}
+
+impl Row {
+    /// The row of a job; `plain` is the row that its price is compared with.
+    pub(super) fn new(
+        job: &Job<'_>,
+        runner: &Runner<'_>,
+        camera: &Camera,
+        found: &Measured,
+        plain: Option<f64>,
+    ) -> Self {
+        let stats = found.stats;
+        let passes = if job.case.gradients { 2 } else { 1 };
+        let pixel_pairs = stats.intersections * (TILE * TILE) as u64 * passes;
+        let bytes = bytes(job, camera, found);
+        Self {
+            bench: "raster",
+            implementation: "ours",
+            case: job.case.name,
+            n: job.scene.len(),
+            k: None,
+            threads: runner.pool.current_num_threads(),
+            seconds: found.median,
+            seconds_min: found.fastest,
+            seconds_max: found.slowest,
+            gpu_seconds: found.gpu,
+            peak_rss_bytes: found.peak_rss_bytes,
+            device: runner.device.clone(),
+            sh_degree: job.case.sh_degree,
+            width: camera.width(),
+            height: camera.height(),
+            frames_per_second: 1.0 / found.median,
+            visible: stats.visible,
+            intersections: stats.intersections,
+            bytes,
+            bytes_per_second: bytes as f64 / found.median,
+            pixel_pairs,
+            pixel_pairs_per_second: pixel_pairs as f64 / found.median,
+            times_plain: plain.map(|plain| found.median / plain),
+        }
+    }
+}
+
+/// Bytes that must move; see [`MODEL`].
+fn bytes(job: &Job<'_>, camera: &Camera, found: &Measured) -> u64 {
+    let numbers = Gaussians::GEOMETRY + sh_coefficients(job.case.sh_degree) * 3;
+    let scene = (job.scene.len() * numbers) as u64 * NUMBER;
+    let pixels = (camera.width() * camera.height()) as u64;
+    let outputs = pixels * NUMBER * if job.case.settings().depth { 5 } else { 4 };
+    let (footprints, pairs) = (found.stats.visible as u64 * FOOTPRINT, found.stats.intersections * NUMBER);
+    let forward = scene + 2 * (footprints + pairs) + outputs;
+    // Pixel gradients are those by the three colours.
+    let backward = scene + footprints + pairs + outputs + pixels * 3 * NUMBER + scene;
+    if job.case.gradients { forward + backward } else { forward }
+}
+
+/// The rows for people.
+pub(super) fn table(rows: &[Row]) -> Table {
+    let head = [
+        "case",
+        "device",
+        "threads",
+        "Gaussians",
+        "visible",
+        "tile pairs",
+        "ms",
+        "fastest",
+        "slowest",
+        "on GPU",
+        "frames/s",
+        "Gpairs/s",
+        "GB/s",
+        "peak GB",
+        "price",
+    ];
+    let mut table = Table::new(&head, 2);
+    for row in rows {
+        let milliseconds = |seconds: f64| format!("{:.2}", seconds * 1e3);
+        table.push(vec![
+            row.case.to_owned(),
+            row.device.clone(),
+            row.threads.to_string(),
+            count(row.n as f64),
+            count(row.visible as f64),
+            count(row.intersections as f64),
+            milliseconds(row.seconds),
+            milliseconds(row.seconds_min),
+            milliseconds(row.seconds_max),
+            row.gpu_seconds.map_or(String::new(), milliseconds),
+            format!("{:.1}", row.frames_per_second),
+            format!("{:.2}", row.pixel_pairs_per_second / 1e9),
+            format!("{:.2}", row.bytes_per_second / 1e9),
+            row.peak_rss_bytes.map_or("-".to_owned(), |bytes| format!("{:.2}", bytes as f64 / 1e9)),
+            row.times_plain.map_or(String::new(), |times| format!("{:+.0} %", (times - 1.0) * 100.0)),
+        ]);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::measure::Case;
+    use gs_raster::RenderStats;
+    use gs_scene::Intrinsics;
+
+    #[test]
+    fn bytes_follow_the_model() {
+        let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 5.0, cy: 5.0, width: 10, height: 10 };
+        let camera = Camera::new(lens, glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap();
+        let scene = Gaussians::new(0, vec![0.0; 22], vec![0.0; 6]).unwrap();
+        let case = Case { name: "forward", sh_degree: 0, change: |_| {}, gradients: false };
+        let stats = RenderStats { visible: 1, intersections: 3, ..RenderStats::default() };
+        let found =
+            Measured { median: 1.0, fastest: 1.0, slowest: 1.0, gpu: None, stats, peak_rss_bytes: None };
+        let of = |case| bytes(&Job { runner: 0, case, scene: &scene }, &camera, &found);
+        let forward = 2 * 14 * 4 + 2 * (40 + 3 * 4) + 100 * 16;
+        assert_eq!(of(case), forward);
+        assert_eq!(of(Case { change: |settings| settings.depth = true, ..case }), forward + 100 * 4);
+        let backward = 2 * 14 * 4 + (40 + 3 * 4) + 100 * 16 + 100 * 12 + 2 * 14 * 4;
+        assert_eq!(of(Case { gradients: true, ..case }), forward + backward);
+    }
+}
