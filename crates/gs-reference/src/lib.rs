@@ -28,6 +28,7 @@ pub use case::{Case, Expected, GoldenGradient, Loss};
 pub use compare::{Deviation, Mismatch, compare, compare_exactly};
 pub use error::{Error, Result};
 pub use naive::{
-    PixelGradients, Projected, Reference, ReferenceGradients, Variable, backward, basis, project, render,
+    PixelGradients, Projected, Reference, ReferenceEllipsoids, ReferenceGradients, Solid, Variable, backward,
+    basis, project, render, render_ellipsoids,
 };
 pub use profile::{Profile, ShAxes};

@@ -1,11 +1,13 @@
 //! The renderer by its definition: no tiles, no bounds, no threads.
 
 mod backward;
+mod ellipsoids;
 mod gradients;
 mod project;
 mod sh;
 
 pub use backward::backward;
+pub use ellipsoids::{ReferenceEllipsoids, Solid, render_ellipsoids};
 pub use gradients::{PixelGradients, ReferenceGradients, Variable};
 pub use project::{Projected, project};
 pub use sh::basis;

@@ -40,7 +40,7 @@ pub(super) struct Projection {
     pub(super) projected: Projected,
     /// Centre in the world and in camera axes, scene units.
     mean: DVec3,
-    p: DVec3,
+    pub(super) p: DVec3,
     /// Norm of the stored quaternion, and the quaternion (w, x, y, z) divided by it.
     norm: f64,
     unit: [f64; 4],
@@ -53,8 +53,8 @@ pub(super) struct Projection {
     /// Rows of the Jacobian of the pinhole projection.
     jacobian: [DVec3; 2],
     /// Rv R S, and the rows of V = J Rv R S.
-    m: DMat3,
-    v: [DVec3; 2],
+    pub(super) m: DMat3,
+    pub(super) v: [DVec3; 2],
     /// det(V Vᵀ + ε I); det(V Vᵀ) divided by it, and the factor on the opacity that follows.
     det: f64,
     ratio: f64,

@@ -1,40 +1,33 @@
-//! The twins of the ellipsoid view against ellipsoids by their definition: quadrics in the affine view, cut by the ray of a pixel.
+//! The twins of the ellipsoid view against its definition, and that against quadrics in the affine view, cut by the ray of a
+//! pixel.
 
 use super::{Setup, setups};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use gs_reference::chain::{View, ellipsoids};
-use gs_reference::tolerance::{AMBIGUOUS, TWIN_ELLIPSOID};
-use gs_reference::{compare, project};
+use gs_reference::tolerance::{AMBIGUOUS, AMBIGUOUS_ELLIPSOID, QUADRIC, TWIN_ELLIPSOID};
+use gs_reference::{ReferenceEllipsoids, Solid, compare, project, render_ellipsoids};
 use gs_scene::{LOG_SCALE, MEAN, QUATERNION};
 use gs_shaders::AMBIENT;
 use proptest::prelude::*;
 
-/// Least opacity of what is drawn, as a host would ask for.
-const ALPHA_MIN: f64 = 0.125;
+/// As a host could ask for.
+const SOLID: Solid = Solid { sigma: 1.0, opacity_min: 0.125 };
 
-/// An ellipsoid at one standard deviation, in the coordinates (column, row, z-depth).
+/// An ellipsoid in the coordinates (column, row, z-depth).
 struct Quadric {
     centre: DVec3,
-    /// Of the points at d from the centre with dᵀ inverse d = 1.
+    /// Of the covariance: dᵀ inverse d = sigma² at d from the centre.
     inverse: DMat3,
     /// From gradients in these coordinates to those in camera axes.
     to_camera: DMat3,
     rgb: DVec3,
 }
 
-/// One pixel of an ellipsoid view.
-struct Hit {
-    depth: f64,
-    rgb: DVec3,
-    /// How much farther it is to the next, and how far inside the rim the pixel lies, relative.
-    margin: f64,
-}
-
 impl Quadric {
     fn new(setup: &Setup, index: usize) -> Option<Self> {
         let camera = &setup.camera;
         let seen = project(&setup.gaussians, index, camera, &setup.profile)?;
-        if seen.opacity < ALPHA_MIN {
+        if seen.opacity < SOLID.opacity_min {
             return None;
         }
         let row = &setup.gaussians.geometry()[index * 11..][..11];
@@ -65,13 +58,13 @@ impl Quadric {
         })
     }
 
-    /// The nearer of the points above a pixel centre, and how far inside the rim it lies, relative (outside: less than 0).
-    fn front(&self, pixel: DVec2) -> (f64, f64) {
+    /// z-depth of the nearer of the points above a pixel centre, if there are any.
+    fn front(&self, pixel: DVec2) -> Option<f64> {
         let d = (pixel - self.centre.truncate()).extend(0.0);
-        // c z² + 2 b z + a = 1
+        // c z² + 2 b z + a = sigma²
         let (a, b, c) = (d.dot(self.inverse * d), self.inverse.z_axis.dot(d), self.inverse.z_axis.z);
-        let rise = b * b / c + 1.0 - a;
-        (self.centre.z + (-b - (c * rise.max(0.0)).sqrt()) / c, rise)
+        let square = b * b - c * (a - SOLID.sigma * SOLID.sigma);
+        (square >= 0.0).then(|| self.centre.z - (b + square.sqrt()) / c)
     }
 
     fn lit(&self, pixel: DVec2, depth: f64, setup: &Setup) -> DVec3 {
@@ -81,63 +74,34 @@ impl Quadric {
     }
 }
 
-/// What is seen in a pixel.
-fn look(quadrics: &[Quadric], pixel: DVec2, setup: &Setup) -> Hit {
-    let near = setup.profile.near;
-    let mut hit =
-        Hit { depth: 0.0, rgb: DVec3::from(setup.background.map(f64::from)), margin: f64::INFINITY };
-    for quadric in quadrics {
-        let (depth, rise) = quadric.front(pixel);
-        hit.margin = hit.margin.min(rise.abs());
-        if rise < 0.0 {
-            continue;
-        }
-        hit.margin = hit.margin.min((depth / near - 1.0).abs());
-        if depth > near {
-            if hit.depth > 0.0 {
-                hit.margin = hit.margin.min((depth / hit.depth - 1.0).abs());
-            }
-            if hit.depth == 0.0 || depth < hit.depth {
-                (hit.depth, hit.rgb) = (depth, quadric.lit(pixel, depth, setup));
-            }
-        }
-    }
-    hit
-}
-
 fn view(setup: &Setup) -> View {
     let mut view = setup.view();
-    view.frame.alpha_min = ALPHA_MIN as f32;
+    view.frame.alpha_min = SOLID.opacity_min as f32;
     view
+}
+
+fn definition(setup: &Setup) -> ReferenceEllipsoids {
+    let background = setup.background.map(f64::from);
+    render_ellipsoids(&setup.gaussians, &setup.camera, background, &setup.profile, SOLID)
 }
 
 /// The worst deviation of the ellipsoids of `view`, as a multiple of its bound; `None` if there is nothing to compare.
 fn excess(setup: &Setup, view: &View) -> Option<f64> {
-    let near_threshold = |index| {
-        project(&setup.gaussians, index, &setup.camera, &setup.profile)
-            .is_some_and(|seen| (seen.opacity / ALPHA_MIN - 1.0).abs() < AMBIGUOUS)
-    };
-    if (0..setup.gaussians.len()).any(near_threshold) {
-        return None;
-    }
-    let quadrics: Vec<Quadric> =
-        (0..setup.gaussians.len()).filter_map(|index| Quadric::new(setup, index)).collect();
+    let truth = definition(setup);
+    let masked: Vec<bool> = truth.margin.iter().map(|&margin| margin < AMBIGUOUS_ELLIPSOID).collect();
     let found = ellipsoids(view).pixels;
-    let (width, height) = (setup.camera.width(), setup.camera.height());
-    let n_pixels = width * height;
-    let mut expected = vec![0.0; n_pixels * 6];
-    let mut masked = vec![false; n_pixels];
-    for at in 0..n_pixels {
-        let hit = look(&quadrics, DVec2::new((at % width) as f64, (at / width) as f64) + 0.5, setup);
-        expected[4 * at..][..3].copy_from_slice(&hit.rgb.to_array());
-        expected[4 * at + 3] = if hit.depth > 0.0 { 0.0 } else { 1.0 };
-        expected[4 * n_pixels + at] = 1.0 - expected[4 * at + 3];
-        expected[5 * n_pixels + at] = hit.depth;
-        masked[at] = hit.margin < 1e-2;
-    }
-    let planes = [0..4 * n_pixels, 4 * n_pixels..5 * n_pixels, 5 * n_pixels..6 * n_pixels];
-    let excess = planes.map(|plane| {
-        let deviation = compare(expected[plane.clone()].to_vec(), found[plane].to_vec(), &masked).ok()?;
+    let (colours, planes) = found.split_at(masked.len() * 4);
+    let (hits, depths) = planes.split_at(masked.len());
+    let image: Vec<f32> = colours.chunks_exact(4).flat_map(|pixel| pixel[..3].to_vec()).collect();
+    let misses: Vec<f32> = colours.iter().skip(3).step_by(4).map(|&miss| 1.0 - miss).collect();
+    let planes = [
+        (&truth.image, image),
+        (&truth.alpha, misses),
+        (&truth.alpha, hits.to_vec()),
+        (&truth.depth, depths.to_vec()),
+    ];
+    let excess = planes.map(|(expected, found)| {
+        let deviation = compare(expected.iter().copied(), found, &masked).ok()?;
         Some(deviation.max_abs / (TWIN_ELLIPSOID * deviation.largest.max(1.0)))
     });
     excess.into_iter().collect::<Option<Vec<f64>>>().map(|excess| excess.into_iter().fold(0.0, f64::max))
@@ -145,7 +109,27 @@ fn excess(setup: &Setup, view: &View) -> Option<f64> {
 
 proptest! {
     #[test]
-    fn ellipsoids_are_where_the_definition_puts_them(setup in setups()) {
+    fn the_definition_is_a_cut_through_quadrics(setup in setups()) {
+        let truth = definition(&setup);
+        let quadrics: Vec<Quadric> =
+            (0..setup.gaussians.len()).filter_map(|index| Quadric::new(&setup, index)).collect();
+        let width = setup.camera.width();
+        for at in (0..truth.alpha.len()).filter(|&at| truth.margin[at] > AMBIGUOUS) {
+            let pixel = DVec2::new((at % width) as f64, (at / width) as f64) + 0.5;
+            let fronts = quadrics.iter().filter_map(|quadric| Some((quadric.front(pixel)?, quadric)));
+            let before = fronts.filter(|(depth, _)| *depth > setup.profile.near);
+            let (depth, rgb) = before.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(
+                (0.0, DVec3::from(setup.background.map(f64::from))),
+                |(depth, quadric)| (depth, quadric.lit(pixel, depth, &setup)),
+            );
+            let found = DVec3::from_slice(&truth.image[3 * at..]);
+            prop_assert!((truth.depth[at] - depth).abs() <= QUADRIC * depth.max(1.0), "depth {} not {}", truth.depth[at], depth);
+            prop_assert!(found.distance(rgb) <= QUADRIC * rgb.length().max(1.0), "{found} not {rgb}");
+        }
+    }
+
+    #[test]
+    fn the_chain_draws_what_the_definition_does(setup in setups()) {
         if let Some(excess) = excess(&setup, &view(&setup)) {
             prop_assert!(excess <= 1.0, "{excess} times the bound");
         }
