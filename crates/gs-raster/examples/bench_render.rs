@@ -1,11 +1,13 @@
-//! Times the renderer on a synthetic scene of textured walls: `cargo run --release -p gs-raster --example bench_render`.
-//! Arguments: width, height, repetitions, counts of Gaussians; default 480 320 9 10000 40000 100000 150000 750000.
+//! Times the renderer on the CPU on a synthetic scene of textured walls, nearly all of it visible:
+//! `cargo run --release -p gs-raster --example bench_render`. Arguments: width, height, repetitions, counts of Gaussians;
+//! default 448 256 15 10000 40000 100000 150000 688000.
 
 use glam::{DMat3, DVec3};
-use gs_raster::{RenderSettings, render};
+use gs_raster::{PixelGradients, Rasterizer, RenderSettings};
 use gs_scene::{Camera, Gaussians, Intrinsics};
+use std::time::Instant;
 
-/// Surface-like Gaussians: flat discs of the size of their spacing on a floor and on walls around the camera.
+/// Surface-like Gaussians: flat discs of the size of their spacing on a floor and on walls before the camera.
 fn scene(n: usize) -> Gaussians {
     let mut scene = Gaussians::empty(2).expect("degree 2 exists");
     let mut state = 1u64;
@@ -30,42 +32,78 @@ fn scene(n: usize) -> Gaussians {
     scene
 }
 
+/// Least and median, milliseconds.
+fn times(mut seconds: Vec<f64>) -> [f64; 2] {
+    seconds.sort_by(f64::total_cmp);
+    [seconds[0], seconds[seconds.len() / 2]].map(|seconds| seconds * 1e3)
+}
+
 fn main() {
     let mut arguments = std::env::args().skip(1).map(|word| word.parse::<usize>().expect("a number"));
     let mut next = |default| arguments.next().unwrap_or(default);
-    let (width, height, repetitions) = (next(480), next(320), next(9));
+    let (width, height, repetitions) = (next(448), next(256), next(15));
     let focal = 0.9 * width as f64;
     let lens =
         Intrinsics { fx: focal, fy: focal, cx: 0.5 * width as f64, cy: 0.5 * height as f64, width, height };
-    let camera = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).expect("a valid camera");
+    let camera = Camera::new(lens, DMat3::IDENTITY, DVec3::new(0.0, 0.0, 2.2)).expect("a valid camera");
     println!(
-        "{width}x{height}, {} threads, milliseconds (stages of the median run of {repetitions})",
+        "{width}x{height}, {} threads, milliseconds (least of {repetitions}, median; stages of the fastest run)",
         rayon::current_num_threads()
     );
     println!(
-        "{:>8} {:>8} {:>10} {:>8} {:>7} {:>8} {:>7} {:>7}",
-        "n", "visible", "pairs", "fastest", "total", "project", "bin", "blend"
+        "{:>8} {:>8} {:>8} {:>7} {:>7} {:>8} {:>7} {:>7} {:>9} {:>8} {:>8} {:>8}",
+        "n",
+        "visible",
+        "pairs",
+        "forward",
+        "median",
+        "project",
+        "bin",
+        "blend",
+        "recorded",
+        "median",
+        "backward",
+        "median"
     );
     let mut counts: Vec<usize> = arguments.collect();
     if counts.is_empty() {
-        counts = vec![10_000, 40_000, 100_000, 150_000, 750_000];
+        counts = vec![10_000, 40_000, 100_000, 150_000, 688_000];
     }
+    let settings = RenderSettings::default();
+    let pixels = PixelGradients {
+        image: (0..width * height * 3).map(|i| ((i % 7) as f32 - 3.0) * 0.1).collect(),
+        alpha: None,
+        depth: None,
+    };
     for n in counts {
         let scene = scene(n);
-        let mut runs: Vec<_> = (0..repetitions)
-            .map(|_| {
-                let start = std::time::Instant::now();
-                let view = render(&scene, &camera, &RenderSettings::default()).expect("valid settings");
-                (start.elapsed().as_secs_f64(), view.stats)
-            })
-            .collect();
+        let mut rasterizer = Rasterizer::cpu();
+        let mut runs = Vec::with_capacity(repetitions);
+        for _ in 0..repetitions {
+            let start = Instant::now();
+            let view = rasterizer.render(&scene, &camera, &settings).expect("valid settings");
+            runs.push((start.elapsed().as_secs_f64(), view.stats));
+        }
+        let (mut recorded, mut backward) = (Vec::new(), Vec::new());
+        for _ in 0..repetitions {
+            let start = Instant::now();
+            let (_, tape) = rasterizer.record(&scene, &[camera], &settings).expect("valid settings");
+            recorded.push(start.elapsed().as_secs_f64());
+            let start = Instant::now();
+            let gradients = rasterizer.backward(&scene, &tape, std::slice::from_ref(&pixels));
+            gradients.expect("fitting gradients");
+            backward.push(start.elapsed().as_secs_f64());
+        }
+        let [forward, forward_median] = times(runs.iter().map(|run| run.0).collect());
+        let [recorded, recorded_median] = times(recorded);
+        let [backward, backward_median] = times(backward);
         runs.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let fastest = runs[0].0 * 1e3;
-        let (total, stats) = runs[runs.len() / 2];
+        let stats = runs[0].1;
         let s = stats.seconds;
-        let [total, project, bin, blend] = [total, s.project, s.bin, s.blend].map(|t| t * 1e3);
+        let [project, bin, blend] = [s.project, s.bin, s.blend].map(|t| t * 1e3);
         println!(
-            "{n:>8} {:>8} {:>10} {fastest:>8.2} {total:>7.2} {project:>8.2} {bin:>7.2} {blend:>7.2}",
+            "{n:>8} {:>8} {:>8} {forward:>7.2} {forward_median:>7.2} {project:>8.2} {bin:>7.2} {blend:>7.2} \
+             {recorded:>9.2} {recorded_median:>8.2} {backward:>8.2} {backward_median:>8.2}",
             stats.visible, stats.intersections
         );
     }

@@ -11,6 +11,8 @@ mod order;
 mod project;
 mod project_backward;
 mod sh;
+mod shape;
+mod span;
 
 use crate::{
     Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result, StageSeconds,
@@ -100,7 +102,7 @@ fn draw(
     let mut seconds = StageSeconds::default();
 
     let start = Instant::now();
-    frame.splats.project(gaussians, camera, settings);
+    frame.splats.project(gaussians, camera, settings, grid);
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
@@ -119,7 +121,7 @@ fn draw(
     let stats = RenderStats {
         visible: frame.splats.visible(),
         rejected: frame.splats.rejected(),
-        intersections: frame.bins.intersections(),
+        intersections: frame.splats.intersections(),
         seconds,
     };
     Ok((Rendering { image, alpha, depth: settings.depth.then_some(depth), stats }, traces))

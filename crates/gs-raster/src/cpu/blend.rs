@@ -5,16 +5,15 @@
 
 use super::bin::Bins;
 use super::math::{exp2, mul_add};
-use super::project::{Splat, Splats};
+use super::project::{BATCH, Splat, Splats};
 use super::{Grid, TILE};
 use crate::RenderSettings;
 use multiversion::{multiversion, target::target_cfg_f};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Pixels of a tile.
 pub(super) const PIXELS: usize = TILE * TILE;
-/// Splats between two looks at whether the whole tile is done.
-const DONE_INTERVAL: u32 = 32;
 
 /// One number per pixel of a tile, rows of [`TILE`].
 pub(super) type Plane<T = f32> = [T; PIXELS];
@@ -149,40 +148,97 @@ impl Tile {
 }
 
 /// A splat as one tile sees it, pixels from the tile's top-left corner: there, f32 keeps the position to a millionth of a
-/// pixel in images of any size.
+/// pixel in images of any size. The pass backward takes the same numbers and decisions from here.
 pub(super) struct Local {
-    pub(super) x: f32,
-    pub(super) y: f32,
+    x: f32,
+    y: f32,
+    falloff: [f32; 2],
+    shear: f32,
+    log2_opacity: f32,
     /// Rows that the ellipse may touch.
-    pub(super) first: usize,
-    pub(super) end: usize,
+    pub(super) rows: Range<usize>,
     /// Steps of L pixels in a row that it may touch; finer tests cost more than they save.
-    pub(super) first_step: usize,
-    pub(super) end_step: usize,
+    pub(super) steps: Range<usize>,
+}
+
+/// A splat in a row of a tile.
+#[derive(Clone, Copy)]
+pub(super) struct Row {
+    /// Distance of the row from the centre, pixels.
+    pub(super) dy: f32,
+    /// The middle of the ellipse in the row.
+    middle: f32,
+    /// log₂ of the opacity there.
+    log2_alpha: f32,
+    falloff: f32,
+}
+
+/// A splat in a pixel.
+pub(super) struct Touch {
+    /// Distance from the middle of the ellipse's row, pixels.
+    pub(super) dx: f32,
+    /// Opacity, not above `alpha_max`.
+    pub(super) alpha: f32,
+    /// Whether the opacity is at least `alpha_min`.
+    pub(super) is_seen: bool,
+    /// Whether it is above `alpha_max`.
+    pub(super) is_clamped: bool,
 }
 
 impl Local {
     #[inline(always)]
-    pub(super) fn new<const L: usize>(splat: &Splat, origin: [f64; 2]) -> Self {
-        let x = (splat.mean[0] - origin[0]) as f32;
-        let y = (splat.mean[1] - origin[1]) as f32;
-        let bottom = (TILE - 1) as f32;
-        let first = (y - splat.extent[1] - 0.5).ceil().max(0.0).min(bottom + 1.0);
-        let end = (y + splat.extent[1] - 0.5).floor().max(-1.0).min(bottom) + 1.0;
+    pub(super) fn new<const L: usize>(splat: &Splat, origin: [u32; 2]) -> Self {
+        let x = (splat.mean[0] - f64::from(origin[0])) as f32;
+        let y = (splat.mean[1] - f64::from(origin[1])) as f32;
+        let [top, bottom] = splat.rows;
+        let first = top.saturating_sub(origin[1]);
+        let end = (bottom + 1 - origin[1]).min(TILE as u32);
         // The centres of the last pixel of the left half and of the first of the right half.
         let half = L as f32;
         let halves = L < TILE;
-        let first_step = usize::from(halves & (x - splat.extent[0] > half - 0.5));
-        let end_step = if halves & (x + splat.extent[0] >= half + 0.5) { 2 } else { 1 };
-        // In the range of i32: casts to it are single instructions.
-        let [first, end] = [first, end].map(|row| row as i32 as usize);
-        Self { x, y, first, end, first_step, end_step }
+        let first_step = usize::from(halves & (x - splat.half_width > half - 0.5));
+        let end_step = if halves & (x + splat.half_width >= half + 0.5) { 2 } else { 1 };
+        Self {
+            x,
+            y,
+            falloff: splat.falloff,
+            shear: splat.shear,
+            log2_opacity: splat.log2_opacity,
+            rows: first as usize..end as usize,
+            steps: first_step..end_step,
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn row(&self, row: usize) -> Row {
+        let dy = row as f32 + 0.5 - self.y;
+        Row {
+            dy,
+            middle: self.x + self.shear * dy,
+            log2_alpha: self.falloff[1] * dy * dy + self.log2_opacity,
+            falloff: self.falloff[0],
+        }
+    }
+}
+
+impl Row {
+    #[inline(always)]
+    pub(super) fn touch<const FMA: bool>(&self, x: f32, limits: Limits) -> Touch {
+        let dx = x - self.middle;
+        let log2_alpha = mul_add::<FMA>(self.falloff * dx, dx, self.log2_alpha);
+        let alpha = exp2::<FMA>(log2_alpha);
+        Touch {
+            dx,
+            alpha: if alpha < limits.alpha_max { alpha } else { limits.alpha_max },
+            is_seen: log2_alpha >= limits.log2_alpha_min,
+            is_clamped: alpha > limits.alpha_max,
+        }
     }
 }
 
 /// The top-left corner of a tile, pixels.
-pub(super) fn origin(grid: Grid, tile: usize) -> [f64; 2] {
-    [(tile % grid.columns * TILE) as f64, (tile / grid.columns * TILE) as f64]
+pub(super) fn origin(grid: Grid, tile: usize) -> [u32; 2] {
+    [(tile % grid.columns * TILE) as u32, (tile / grid.columns * TILE) as u32]
 }
 
 /// Adds the splats of tile number `index` to `tile`.
@@ -209,101 +265,59 @@ fn blend_tile_with<const DEPTH: bool, const RECORD: bool, const FMA: bool, const
     index: usize,
     limits: Limits,
 ) {
-    let centres = centres();
     let origin = origin(lists.grid, index);
     let Tile { rgb, trace } = tile;
     let mut place = 0u32;
-    for &splat in lists.bins.pieces(index).flatten() {
-        if place % DONE_INTERVAL == DONE_INTERVAL - 1 && trace.transmittance.iter().all(|&t| t <= 0.0) {
+    let mut batch = [Splat::NONE; BATCH];
+    for indices in lists.bins.pieces(index).flat_map(|piece| piece.chunks(BATCH)) {
+        if trace.transmittance.iter().all(|&t| t <= 0.0) {
             return;
         }
-        place += 1;
-        let splat = lists.splats.get(splat);
-        if place == 1 {
-            trace.nearest = splat.depth;
-        }
-        let local = Local::new::<L>(splat, origin);
-        for row in local.first..local.end {
-            for step in local.first_step..local.end_step {
-                let at = row * TILE + step * L;
-                let falloff = Falloff::<L>::new::<FMA>(splat, &local, &centres, row, step, limits);
-                let mut weight = [0.0; L];
-                {
+        for splat in lists.splats.fetch(indices, &mut batch) {
+            place += 1;
+            if place == 1 {
+                trace.nearest = splat.depth;
+            }
+            let local = Local::new::<L>(splat, origin);
+            for y in local.rows.clone() {
+                let row = local.row(y);
+                for step in local.steps.clone() {
+                    let at = y * TILE + step * L;
+                    let centres = centres::<L>(step);
+                    let mut weight = [0.0; L];
                     let transmittance = lanes::<_, L>(&mut trace.transmittance, at);
                     let last = lanes::<_, L>(&mut trace.last, at);
                     for lane in 0..L {
-                        let alpha = falloff.alpha[lane];
+                        let touch = row.touch::<FMA>(centres[lane], limits);
                         let before = transmittance[lane];
-                        let drawn = falloff.drawn[lane] & (before > 0.0);
-                        let stops = before * (1.0 - alpha) < limits.transmittance_min;
-                        weight[lane] = if drawn & !stops { before * alpha } else { 0.0 };
+                        let seen = touch.is_seen & (before > 0.0);
+                        let stops = before * (1.0 - touch.alpha) < limits.transmittance_min;
+                        weight[lane] = if seen & !stops { before * touch.alpha } else { 0.0 };
                         // A product, because the compiler turns a choice into a masked store, which is slow.
-                        let factor = if stops { -1.0 } else { 1.0 - alpha };
-                        transmittance[lane] = before * if drawn { factor } else { 1.0 };
+                        let factor = if stops { -1.0 } else { 1.0 - touch.alpha };
+                        transmittance[lane] = before * if seen { factor } else { 1.0 };
                         if RECORD {
-                            last[lane] = if drawn & !stops { place } else { last[lane] };
+                            last[lane] = if seen & !stops { place } else { last[lane] };
                         }
                     }
-                }
-                for (channel, &colour) in rgb.iter_mut().zip(&splat.rgb) {
-                    accumulate::<FMA, L>(lanes(channel, at), &weight, colour);
-                }
-                if DEPTH {
-                    accumulate::<FMA, L>(lanes(&mut trace.weight, at), &weight, 1.0);
-                    let depth = splat.depth - trace.nearest;
-                    accumulate::<FMA, L>(lanes(&mut trace.depth, at), &weight, depth);
+                    for (channel, &colour) in rgb.iter_mut().zip(&splat.rgb) {
+                        accumulate::<FMA, L>(lanes(channel, at), &weight, colour);
+                    }
+                    if DEPTH {
+                        accumulate::<FMA, L>(lanes(&mut trace.weight, at), &weight, 1.0);
+                        let depth = splat.depth - trace.nearest;
+                        accumulate::<FMA, L>(lanes(&mut trace.depth, at), &weight, depth);
+                    }
                 }
             }
         }
     }
 }
 
-/// The centres of the pixels of a row or a column of a tile.
+/// The centres of the pixels of a step.
 #[inline(always)]
-pub(super) fn centres() -> [f32; TILE] {
-    std::array::from_fn(|i| i as f32 + 0.5)
-}
-
-/// A splat in some pixels of a row. The pass backward takes the same numbers and decisions from here.
-pub(super) struct Falloff<const L: usize> {
-    /// Distance from the middle of the ellipse's row, pixels.
-    pub(super) dx: [f32; L],
-    /// Distance of the row from the centre, pixels.
-    pub(super) dy: f32,
-    /// Opacity, not above `alpha_max`.
-    pub(super) alpha: [f32; L],
-    /// Whether the opacity is at least `alpha_min`.
-    pub(super) drawn: [bool; L],
-    /// Whether it was above `alpha_max`.
-    pub(super) clamped: [bool; L],
-}
-
-impl<const L: usize> Falloff<L> {
-    #[inline(always)]
-    pub(super) fn new<const FMA: bool>(
-        splat: &Splat,
-        local: &Local,
-        centres: &[f32; TILE],
-        row: usize,
-        step: usize,
-        limits: Limits,
-    ) -> Self {
-        let dy = centres[row] - local.y;
-        // The row's middle, and what the distance of the row takes from every pixel in it.
-        let middle = local.x + splat.shear * dy;
-        let constant = splat.falloff[1] * dy * dy + splat.log2_opacity;
-        let mut found = Self { dx: [0.0; L], dy, alpha: [0.0; L], drawn: [false; L], clamped: [false; L] };
-        for lane in 0..L {
-            let dx = centres[step * L + lane] - middle;
-            let log2_alpha = mul_add::<FMA>(splat.falloff[0] * dx, dx, constant);
-            let alpha = exp2::<FMA>(log2_alpha);
-            found.dx[lane] = dx;
-            found.alpha[lane] = alpha.min(limits.alpha_max);
-            found.drawn[lane] = log2_alpha >= limits.log2_alpha_min;
-            found.clamped[lane] = alpha > limits.alpha_max;
-        }
-        found
-    }
+pub(super) fn centres<const L: usize>(step: usize) -> [f32; L] {
+    std::array::from_fn(|lane| (step * L + lane) as f32 + 0.5)
 }
 
 #[inline(always)]

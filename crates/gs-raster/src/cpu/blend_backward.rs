@@ -5,15 +5,16 @@
 //! the expected depth), ∂L/∂α = T (q - B), where B is q of what is behind, blended as the colours are. T is divided by
 //! 1 - α at each step, the very number it was multiplied by.
 
-use super::blend::{Falloff, Limits, Lists, Local, PIXELS, Plane, Trace, centres, lanes, origin};
+use super::blend::{Limits, Lists, Local, PIXELS, Plane, Trace, centres, lanes, origin};
 use super::math::mul_add;
+use super::project::{BATCH, Splat};
 use super::{Grid, TILE};
 use crate::{PixelGradients, RenderSettings};
 use multiversion::{multiversion, target::target_cfg_f};
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Sums over pixels of s = ∂L/∂log₂α, of its products with the distances (dx, dy) of [`Falloff`], and of the gradients by
+/// Sums over pixels of s = ∂L/∂log₂α, of its products with the distances (dx, dy) of [`Touch`](super::blend::Touch), and of the gradients by
 /// colour and z-depth: s, s dx, s dx², s dy, s dy², s dx dy, red, green, blue, depth.
 pub(super) type Moments = [f32; MOMENTS];
 pub(super) const MOMENTS: usize = 10;
@@ -67,7 +68,7 @@ pub(super) fn sum(
                         *sum += f64::from(value);
                     }
                 }
-                sums.push(sum.map(|value| finite(value)));
+                sums.push(sum.map(finite));
             });
             sums
         })
@@ -184,64 +185,73 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool, const L: usize>(
     index: usize,
     limits: Limits,
 ) {
-    let centres = centres();
     let origin = origin(lists.grid, index);
     let deepest = tile.last.iter().copied().fold(0, u32::max);
     let mut place = moments.len() as u32 + 1;
-    for &splat in lists.bins.pieces(index).rev().flat_map(|piece| piece.iter().rev()) {
-        place -= 1;
-        if place > deepest {
+    let mut batch = [Splat::NONE; BATCH];
+    for indices in lists.bins.pieces(index).rev().flat_map(|piece| piece.rchunks(BATCH)) {
+        if place - indices.len() as u32 > deepest {
+            place -= indices.len() as u32;
             continue;
         }
-        let splat = lists.splats.get(splat);
-        let local = Local::new::<L>(splat, origin);
-        let mut sums = [[0.0; L]; MOMENTS];
-        for row in local.first..local.end {
-            for step in local.first_step..local.end_step {
-                let at = row * TILE + step * L;
-                let falloff = Falloff::<L>::new::<FMA>(splat, &local, &centres, row, step, limits);
-                let rgb = [0, 1, 2].map(|channel| *lanes::<_, L>(&mut tile.rgb[channel], at));
-                let depth = *lanes::<_, L>(&mut tile.depth, at);
-                let expected = *lanes::<_, L>(&mut tile.expected, at);
-                let last = *lanes::<_, L>(&mut tile.last, at);
-                let transmittance = lanes::<_, L>(&mut tile.transmittance, at);
-                let behind = lanes::<_, L>(&mut tile.behind, at);
-                for lane in 0..L {
-                    let drawn = falloff.drawn[lane] & (place <= last[lane]);
-                    let alpha = falloff.alpha[lane];
-                    let before = transmittance[lane] / (1.0 - alpha);
-                    let weight = if drawn { before * alpha } else { 0.0 };
-                    let mut q = rgb[0][lane] * splat.rgb[0];
-                    q = mul_add::<FMA>(rgb[1][lane], splat.rgb[1], q);
-                    q = mul_add::<FMA>(rgb[2][lane], splat.rgb[2], q);
-                    if DEPTH {
-                        q = mul_add::<FMA>(depth[lane], splat.depth - tile.nearest - expected[lane], q);
-                    }
-                    let nearer = q - behind[lane];
-                    let follows = drawn & !falloff.clamped[lane];
-                    let s = if follows { LN_2 * alpha * before * nearer } else { 0.0 };
-                    behind[lane] = mul_add::<FMA>(if drawn { alpha } else { 0.0 }, nearer, behind[lane]);
-                    transmittance[lane] = if drawn { before } else { transmittance[lane] };
+        for splat in lists.splats.fetch(indices, &mut batch).iter().rev() {
+            place -= 1;
+            if place > deepest {
+                continue;
+            }
+            let local = Local::new::<L>(splat, origin);
+            let mut sums = [[0.0; L]; MOMENTS];
+            for y in local.rows.clone() {
+                let row = local.row(y);
+                for step in local.steps.clone() {
+                    let at = y * TILE + step * L;
+                    let centres = centres::<L>(step);
+                    let rgb = [0, 1, 2].map(|channel| *lanes::<_, L>(&mut tile.rgb[channel], at));
+                    let depth = *lanes::<_, L>(&mut tile.depth, at);
+                    let expected = *lanes::<_, L>(&mut tile.expected, at);
+                    let last = *lanes::<_, L>(&mut tile.last, at);
+                    let transmittance = lanes::<_, L>(&mut tile.transmittance, at);
+                    let behind = lanes::<_, L>(&mut tile.behind, at);
+                    for lane in 0..L {
+                        let touch = row.touch::<FMA>(centres[lane], limits);
+                        let drawn = touch.is_seen & (place <= last[lane]);
+                        let alpha = touch.alpha;
+                        let before = transmittance[lane] / (1.0 - alpha);
+                        let weight = if drawn { before * alpha } else { 0.0 };
+                        let mut q = rgb[0][lane] * splat.rgb[0];
+                        q = mul_add::<FMA>(rgb[1][lane], splat.rgb[1], q);
+                        q = mul_add::<FMA>(rgb[2][lane], splat.rgb[2], q);
+                        if DEPTH {
+                            q = mul_add::<FMA>(depth[lane], splat.depth - tile.nearest - expected[lane], q);
+                        }
+                        let nearer = q - behind[lane];
+                        let follows = drawn & !touch.is_clamped;
+                        let s = if follows { LN_2 * alpha * before * nearer } else { 0.0 };
+                        behind[lane] = mul_add::<FMA>(if drawn { alpha } else { 0.0 }, nearer, behind[lane]);
+                        transmittance[lane] = if drawn { before } else { transmittance[lane] };
 
-                    let (dx, dy) = (falloff.dx[lane], falloff.dy);
-                    let (s_dx, s_dy) = (s * dx, s * dy);
-                    sums[0][lane] += s;
-                    sums[1][lane] += s_dx;
-                    sums[2][lane] = mul_add::<FMA>(s_dx, dx, sums[2][lane]);
-                    sums[3][lane] += s_dy;
-                    sums[4][lane] = mul_add::<FMA>(s_dy, dy, sums[4][lane]);
-                    sums[5][lane] = mul_add::<FMA>(s_dx, dy, sums[5][lane]);
-                    for channel in 0..3 {
-                        sums[6 + channel][lane] =
-                            mul_add::<FMA>(weight, rgb[channel][lane], sums[6 + channel][lane]);
-                    }
-                    if DEPTH {
-                        sums[9][lane] = mul_add::<FMA>(weight, depth[lane], sums[9][lane]);
+                        let (dx, dy) = (touch.dx, row.dy);
+                        let (s_dx, s_dy) = (s * dx, s * dy);
+                        sums[0][lane] += s;
+                        sums[1][lane] += s_dx;
+                        sums[2][lane] = mul_add::<FMA>(s_dx, dx, sums[2][lane]);
+                        sums[3][lane] += s_dy;
+                        sums[4][lane] = mul_add::<FMA>(s_dy, dy, sums[4][lane]);
+                        sums[5][lane] = mul_add::<FMA>(s_dx, dy, sums[5][lane]);
+                        for channel in 0..3 {
+                            sums[6 + channel][lane] =
+                                mul_add::<FMA>(weight, rgb[channel][lane], sums[6 + channel][lane]);
+                        }
+                        if DEPTH {
+                            sums[9][lane] = mul_add::<FMA>(weight, depth[lane], sums[9][lane]);
+                        }
                     }
                 }
             }
+            for (moment, lanes) in moments[place as usize - 1].iter_mut().zip(sums) {
+                *moment = total(lanes);
+            }
         }
-        moments[place as usize - 1] = sums.map(total);
     }
 }
 

@@ -8,6 +8,7 @@ use super::math;
 use crate::RenderSettings;
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
+use std::f64::consts::LOG2_E;
 
 /// Gaussians that go through the arithmetic together.
 pub(super) const BLOCK: usize = 64;
@@ -18,6 +19,16 @@ const BOUND_SLACK: f64 = 1e-3;
 /// falloff changes by more than rounding, and the footprint's numbers and their squares fit f32. What is centred so much
 /// farther outside than this is not drawn.
 const SIGMA_MAX: f64 = 1e12;
+
+/// log₂ of the alpha at which footprints end.
+pub(super) fn log2_alpha_bound(settings: &RenderSettings) -> f32 {
+    (-0.5 * LOG2_E * bound_max(settings)) as f32
+}
+
+/// Squared Mahalanobis distance that bounds the footprint of an opaque Gaussian.
+fn bound_max(settings: &RenderSettings) -> f64 {
+    -2.0 * f64::from(settings.alpha_min).ln() + BOUND_SLACK
+}
 
 /// What is the same for all Gaussians of a view.
 pub(super) struct View {
@@ -40,7 +51,7 @@ pub(super) struct View {
     pub(super) antialias: bool,
     /// Least factor of the compensation.
     compensation_min: f64,
-    /// Squared Mahalanobis distance that bounds the footprint of an opaque Gaussian.
+    /// See [`bound_max`].
     pub(super) bound_max: f64,
 }
 
@@ -65,7 +76,7 @@ impl View {
             eps2d: f64::from(settings.eps2d),
             antialias: settings.antialias,
             compensation_min: f64::from(settings.compensation_min),
-            bound_max: -2.0 * f64::from(settings.alpha_min).ln() + BOUND_SLACK,
+            bound_max: bound_max(settings),
         }
     }
 
@@ -196,13 +207,13 @@ impl Footprint {
         let scale = stored_scale.min(DVec3::splat(SIGMA_MAX * mean.z / view.focal[0].max(view.focal[1])));
 
         let forward = view.rotation.row(2);
-        let jacobian =
-            [0, 1].map(|i| (view.rotation.row(i) - forward * clamped[i]) * (view.focal[i] * inverse_z));
-        let turned =
-            jacobian.map(|row| DVec3::new(row.dot(axes.x_axis), row.dot(axes.y_axis), row.dot(axes.z_axis)));
-        let rows = turned.map(|row| row * scale);
+        // No closures over arrays here: those are not always inlined.
+        let j0 = (view.rotation.row(0) - forward * clamped[0]) * (view.focal[0] * inverse_z);
+        let j1 = (view.rotation.row(1) - forward * clamped[1]) * (view.focal[1] * inverse_z);
+        let t0 = DVec3::new(j0.dot(axes.x_axis), j0.dot(axes.y_axis), j0.dot(axes.z_axis));
+        let t1 = DVec3::new(j1.dot(axes.x_axis), j1.dot(axes.y_axis), j1.dot(axes.z_axis));
+        let (u, v) = (t0 * scale, t1 * scale);
         // The determinant as a sum of positive terms (Cauchy–Binet), because a c - b² cancels for needles.
-        let [u, v] = rows;
         let (a0, b, c0) = (u.length_squared(), u.dot(v), v.length_squared());
         let det0 = u.cross(v).length_squared();
         let eps = view.eps2d;
@@ -223,9 +234,9 @@ impl Footprint {
             axes,
             stored_scale,
             scale,
-            jacobian,
-            turned,
-            rows,
+            jacobian: [j0, j1],
+            turned: [t0, t1],
+            rows: [u, v],
             det0,
             det,
             a: a0 + eps,

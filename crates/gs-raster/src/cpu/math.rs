@@ -42,7 +42,7 @@ pub(super) fn exp(x: f64) -> f64 {
     ];
     // As in `exp2`, with 52 bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
-    let x = x.max(-690.0).min(690.0);
+    let x = x.clamp(-690.0, 690.0);
     let rounded = x * std::f64::consts::LOG2_E + ROUND;
     let f = x - (rounded - ROUND) * std::f64::consts::LN_2;
     let mut p = TAYLOR[9];

@@ -37,35 +37,34 @@ impl Order {
 
     /// Sorts `splats`; what was here is forgotten.
     pub(super) fn sort(&mut self, splats: &Splats) {
-        // Depths are not negative, so their bits order as the numbers do.
         let (least, most) = splats
-            .chunks()
-            .flat_map_iter(|chunk| chunk.iter().map(|splat| splat.depth.to_bits()))
-            .fold(|| (u32::MAX, 0), |(least, most), bits| (least.min(bits), most.max(bits)))
+            .depths()
+            .map(|chunk| {
+                chunk.iter().fold((u32::MAX, 0), |(least, most), &bits| (bits.min(least), bits.max(most)))
+            })
             .reduce(|| (u32::MAX, 0), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         let range = most.saturating_sub(least);
         let shift = (u32::BITS - range.leading_zeros()).saturating_sub(BUCKETS.ilog2());
         let bucket = |bits: u32| ((bits - least) >> shift) as usize;
 
-        let chunks: Vec<_> = splats.chunks().collect();
+        let chunks: Vec<_> = splats.depths().collect();
         self.parts.resize_with(chunks.len().div_ceil(CHUNKS), Part::default);
         self.parts.par_iter_mut().zip(chunks.par_chunks(CHUNKS)).enumerate().for_each(
             |(part, (buckets, chunks))| {
                 let Part { ends, keys } = buckets;
                 ends.clear();
                 ends.resize(BUCKETS, 0);
-                for splat in chunks.iter().copied().flatten() {
-                    ends[bucket(splat.depth.to_bits())] += 1;
+                for &bits in chunks.iter().copied().flatten() {
+                    ends[bucket(bits)] += 1;
                 }
                 let mut total = 0;
                 for end in &mut *ends {
                     (*end, total) = (total, total + *end);
                 }
                 keys.resize(total as usize, 0);
-                for (chunk, splats) in chunks.iter().enumerate() {
+                for (chunk, depths) in chunks.iter().enumerate() {
                     let first = ((part * CHUNKS + chunk) * CHUNK) as u32;
-                    for (index, splat) in (first..).zip(*splats) {
-                        let bits = splat.depth.to_bits();
+                    for (index, &bits) in (first..).zip(*depths) {
                         let place = &mut ends[bucket(bits)];
                         keys[*place as usize] = u64::from(bits) << 32 | u64::from(index);
                         *place += 1;

@@ -70,12 +70,16 @@ fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summe
     let coefficients = sh_coefficients(DEGREE);
     let mut stored = Columns::new();
     let mut block = Block::new();
+    let mut moments = [[0.0; MOMENTS]; BLOCK];
     for (splats, places) in chunk.splats.chunks(BLOCK).zip(chunk.places.chunks(BLOCK)) {
+        // These lie anywhere; fetched together, the waits for memory overlap.
+        for (moments, &place) in moments.iter_mut().zip(places) {
+            *moments = summed.moments[place as usize];
+        }
         block.active = [false; BLOCK];
-        for (at, (splat, &place)) in splats.iter().zip(places).enumerate() {
-            let row = splat.row as usize;
+        for (at, (splat, moments)) in splats.iter().zip(&moments).enumerate() {
+            let row = splat.gaussian as usize;
             stored.set(at, &chunk.geometry[row * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY]);
-            let moments = &summed.moments[place as usize];
             block.active[at] = moments.iter().any(|&moment| moment != 0.0);
             for (column, &moment) in block.moments.iter_mut().zip(moments) {
                 column[at] = moment;
@@ -96,12 +100,12 @@ fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summe
             if !block.active[at] {
                 continue;
             }
-            let row = splat.row as usize;
+            let row = splat.gaussian as usize;
             let found = &mut chunk.geometry_gradients[row * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY];
             for (found, column) in found.iter_mut().zip(&block.geometry) {
                 *found = finite(f64::from(*found) + summed.unit * column[at]);
             }
-            let rgb = color_gradient(splat, &summed.moments[places[at] as usize]);
+            let rgb = color_gradient(splat, &moments[at]);
             let found = &mut chunk.sh_gradients[row * coefficients * 3..][..coefficients * 3];
             for k in 0..coefficients {
                 for channel in 0..3 {
@@ -177,7 +181,8 @@ impl Block {
     fn backward(&mut self, at: usize, view: &View, stored: &Columns) {
         let shape = Footprint::new(view, stored, at);
         let moment = |k: usize| f64::from(self.moments[k][at]);
-        let [s, s_dx, s_dxdx, s_dy, s_dydy, s_dxdy] = [0, 1, 2, 3, 4, 5].map(moment);
+        let (s, s_dx, s_dxdx) = (moment(0), moment(1), moment(2));
+        let (s_dy, s_dydy, s_dxdy) = (moment(3), moment(4), moment(5));
         let by_z = moment(9);
 
         // log₂ α = p dx² + r dy² + log₂ opacity with dx = x - mean_x - shear (y - mean_y), p = k / m, r = k / c, where m =
@@ -221,21 +226,23 @@ impl Block {
             if scale.y < limited.y { 0.0 } else { by_log_scale.y },
             if scale.z < limited.z { 0.0 } else { by_log_scale.z },
         );
-        let by_turned = [by_u * scale, by_v * scale];
-        let by_jacobian = by_turned.map(|by| shape.axes * by);
         let [ju, jv] = shape.jacobian;
-        let [tu, tv] = by_turned;
+        let (tu, tv) = (by_u * scale, by_v * scale);
+        let by_jacobian = [shape.axes * tu, shape.axes * tv];
         let by_axes = DMat3::from_cols(ju * tu.x + jv * tv.x, ju * tu.y + jv * tv.y, ju * tu.z + jv * tv.z);
         let by_quaternion = quaternion_gradient(shape.quaternion, by_axes) * shape.norm.recip();
 
         // J at the clamped slope, and the centre at the slope itself.
         let forward = view.rotation.row(2);
-        let by_row = [0, 1].map(|i| by_jacobian[i] * (view.focal[i] * shape.inverse_z));
-        let by_slope = [0, 1].map(|i| {
-            let through_jacobian =
-                if shape.slope[i] == shape.clamped[i] { -forward.dot(by_row[i]) } else { 0.0 };
-            view.focal[i] * by_centre[i] + through_jacobian
-        });
+        let by_row = [
+            by_jacobian[0] * (view.focal[0] * shape.inverse_z),
+            by_jacobian[1] * (view.focal[1] * shape.inverse_z),
+        ];
+        let by_slope = |i: usize| {
+            let is_free = shape.slope[i] == shape.clamped[i];
+            view.focal[i] * by_centre[i] - if is_free { forward.dot(by_row[i]) } else { 0.0 }
+        };
+        let by_slope = [by_slope(0), by_slope(1)];
         let shrink = by_slope[0] * shape.slope[0]
             + by_slope[1] * shape.slope[1]
             + ju.dot(by_jacobian[0])
