@@ -3,6 +3,7 @@
 //! The commands of users go to the `sparsesplat` binary, arguments untouched; the checks of developers run here.
 
 mod run;
+mod test;
 mod tidy;
 
 use run::{Step, cargo};
@@ -19,16 +20,19 @@ Commands of the product (built in release, arguments passed on; each has --help)
   reconstruct  posed photographs to a 3D Gaussian scene
   render       a scene to pictures
   eval         the tables: PSNR, SSIM, Gaussians and time on data sets
-  doctor       what this machine offers, and a self-test
+  doctor       what this machine offers, and a self-test on CPU and GPU
+  bench        how fast the parts are on this machine: bench raster
 
 Checks for developers:
   test         every test (dev profile); arguments go to `cargo test`
+  test --gpu   those that need a graphics adapter as well; a software one does, without any it fails
+  shader NAME  a shader as it is compiled; without a name it lists them
   tidy         rules that no compiler knows: file sizes, paths in documents, names of crates
-  ci           formatting, lints, tidy, tests, documentation: all that must pass
+  ci           formatting, lints, tidy, tests with --gpu, documentation: all that must pass
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 5] = ["demo", "reconstruct", "render", "eval", "doctor"];
+const FORWARDED: [&str; 6] = ["demo", "reconstruct", "render", "eval", "doctor", "bench"];
 
 fn main() -> ExitCode {
     let root =
@@ -38,7 +42,8 @@ fn main() -> ExitCode {
     let rest: Vec<OsString> = arguments.collect();
     match command.to_str() {
         Some(name) if FORWARDED.contains(&name) => forward(root, name, &rest),
-        Some("test") => run::exit_code(cargo(["test", "--workspace"]).args(rest).current_dir(root).status()),
+        Some("test") => test::run(root, &rest),
+        Some("shader") => run::exit_code(cargo(SHADER).args(rest).current_dir(root).status()),
         Some("tidy") => run::all(root, &[TIDY]),
         Some("ci") => run::all(root, &CI),
         Some("help" | "-h" | "--help") => {
@@ -67,13 +72,20 @@ fn forward(root: &Path, command: &str, arguments: &[OsString]) -> ExitCode {
     }
 }
 
+const SHADER: [&str; 7] = ["run", "--quiet", "--package", "gs-shaders", "--example", "shader", "--"];
+
 const TIDY: Step = Step::Check("tidy", tidy::check);
 
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 5] = [
+const CI: [Step; 6] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
-    Step::Cargo("test", &["xtask", "test"], &[]),
+    Step::Cargo(
+        "clippy without the GPU path",
+        &["clippy", "--package", "gs-raster", "--no-default-features", "--", "-D", "warnings"],
+        &[],
+    ),
+    Step::Cargo("test", &["xtask", "test", "--gpu"], &[]),
     Step::Cargo("doc", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-Dwarnings")]),
 ];

@@ -10,6 +10,9 @@ const LARGEST_FILE: u64 = 1 << 20;
 /// Longest source file, lines: a longer one is two.
 const LONGEST_SOURCE: usize = 500;
 
+/// Longest shader, lines.
+const LONGEST_SHADER: usize = 300;
+
 /// Names that say nothing of what a crate does.
 const CATCH_ALL: [&str; 6] = ["utils", "util", "common", "core", "misc", "helpers"];
 
@@ -28,11 +31,11 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
             continue;
         }
         match file.extension().and_then(|extension| extension.to_str()) {
-            Some("rs") => {
-                let text = fs::read_to_string(&path)?;
-                let lines = text.lines().count();
-                if lines > LONGEST_SOURCE {
-                    problems.push(format!("{name}: {lines} lines, at most {LONGEST_SOURCE} are allowed"));
+            Some(kind @ ("rs" | "wgsl")) => {
+                let longest = if kind == "rs" { LONGEST_SOURCE } else { LONGEST_SHADER };
+                let lines = fs::read_to_string(&path)?.lines().count();
+                if lines > longest {
+                    problems.push(format!("{name}: {lines} lines, at most {longest} are allowed"));
                 }
             }
             Some("md") => {
