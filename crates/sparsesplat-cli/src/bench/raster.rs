@@ -12,7 +12,7 @@ use crate::summary::{print, print_line};
 use crate::{output, threads};
 use clap::Args;
 use evaluate::{Recipe, count, simulated_window};
-use gs_raster::Rasterizer;
+use gs_raster::{Rasterizer, Style};
 use gs_scene::{Camera, Gaussians};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
@@ -51,7 +51,7 @@ const FORWARD: Case = Case { name: "forward", sh_degree: 2, change: |_| {}, grad
 const AT_EVERY_COUNT: [Case; 2] = [FORWARD, Case { name: "forward+backward", gradients: true, ..FORWARD }];
 
 /// What is measured for its price; the first is what the others are compared with.
-const FEATURES: [Case; 7] = [
+const FEATURES: [Case; 8] = [
     Case { name: "plain, SH degree 2", ..FORWARD },
     Case { name: "SH degree 0", sh_degree: 0, ..FORWARD },
     Case { name: "SH degree 1", sh_degree: 1, ..FORWARD },
@@ -59,6 +59,7 @@ const FEATURES: [Case; 7] = [
     Case { name: "depth", change: |settings| settings.depth = true, ..FORWARD },
     Case { name: "antialias", change: |settings| settings.antialias = true, ..FORWARD },
     Case { name: "gradients", gradients: true, ..FORWARD },
+    Case { name: "ellipsoids", change: |settings| settings.style = Style::Ellipsoids, ..FORWARD },
 ];
 
 /// What `--json` writes.

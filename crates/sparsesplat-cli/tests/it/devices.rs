@@ -126,7 +126,9 @@ fn the_bench_has_a_row_for_every_case() {
     let of = |case: &str| rows.iter().filter(|row| row["case"] == case).collect::<Vec<_>>();
     // Two counts on one thread and on two; features once.
     assert_eq!((of("forward").len(), of("forward+backward").len()), (4, 4));
-    for feature in ["plain, SH degree 2", "SH degree 0", "SH degree 3", "depth", "antialias", "gradients"] {
+    for feature in
+        ["plain, SH degree 2", "SH degree 0", "SH degree 3", "depth", "antialias", "gradients", "ellipsoids"]
+    {
         let row = of(feature);
         assert_eq!(row.len(), 1, "{feature}");
         assert_eq!((&row[0]["n"], &row[0]["threads"]), (&500.into(), &2.into()), "{feature}");
