@@ -113,16 +113,17 @@ impl Gpu {
         let storage = |numbers: usize| self.pool.take(Use::Storage, (numbers * size_of::<f32>()) as u64);
 
         let uniform = self.pool.uniform(&frame);
-        let splats = self.pool.take(Use::Storage, u64::from(upload.n) * size_of::<Splat>() as u64);
+        // What a pass binds as an array of structs must have room for one, even if the scene is empty.
+        let at_least_one = u64::from(upload.n.max(1));
+        let splats = self.pool.take(Use::Storage, at_least_one * size_of::<Splat>() as u64);
         let counters = storage(N_COUNTERS);
         let offsets = storage(upload.n as usize + 1);
         let ranges = storage(n_tiles as usize * 2);
         let pixels = storage(n_pixels * numbers_per_pixel(settings));
         let ends = storage(if train { n_pixels } else { 1 });
         let solid = settings.style == Style::Ellipsoids;
-        let surfaces = self
-            .pool
-            .take(Use::Storage, u64::from(upload.n) * size_of::<Surface>() as u64 * u64::from(solid));
+        let surfaces =
+            self.pool.take(Use::Storage, at_least_one * size_of::<Surface>() as u64 * u64::from(solid));
         let pair_splats = storage(capacity as usize);
         let mut depths = self.keyed(upload.n);
         let mut pairs = self.keyed(capacity);
