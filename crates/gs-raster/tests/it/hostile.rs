@@ -2,7 +2,7 @@
 
 use crate::check::settings;
 use glam::{DMat3, DVec3};
-use gs_raster::{Error, RenderSettings, Rendering, render};
+use gs_raster::{Error, PixelGradients, Rasterizer, RenderSettings, Rendering, render};
 use gs_reference::tolerance::{AMBIGUOUS, f32_bound};
 use gs_reference::{Profile, compare};
 use gs_scene::{Camera, Gaussians, Intrinsics};
@@ -175,4 +175,54 @@ proptest! {
             prop_assert!(alpha.max_abs <= f32_bound(&alpha, None), "{:?}", alpha);
         }
     }
+
+    #[test]
+    fn any_bits_give_finite_gradients(
+        rows in prop::collection::vec((prop::array::uniform11(hostile()), prop::array::uniform12(hostile())), 1..6),
+        pixels in prop::collection::vec(hostile(), 16),
+        antialias: bool,
+        near in prop::sample::select(vec![0.0f32, 0.2]),
+    ) {
+        let geometry: Vec<f32> = rows.iter().flat_map(|row| row.0).collect();
+        let sh: Vec<f32> = rows.iter().flat_map(|row| row.1).collect();
+        let scene = Gaussians::new(1, geometry, sh).expect("valid");
+        let settings = RenderSettings { depth: true, antialias, near, ..RenderSettings::default() };
+        let mut rasterizer = Rasterizer::cpu();
+        let (views, tape) = rasterizer.record(&scene, &[camera()], &settings).expect("valid");
+        prop_assert!(views[0].depth.iter().flatten().chain(views[0].image.data()).all(|value| value.is_finite()));
+        let plane = |length: usize| -> Vec<f32> {
+            (0..length).map(|i| pixels[(i * 7) % 16]).map(|value| if value.is_finite() { value } else { 1.0 }).collect()
+        };
+        let size = 27 * 18;
+        let pixels = PixelGradients { image: plane(size * 3), alpha: Some(plane(size)), depth: Some(plane(size)) };
+        let found = rasterizer.backward(&scene, &tape, &[pixels]).expect("valid");
+        prop_assert!(found.geometry.iter().chain(&found.sh).all(|value| value.is_finite()));
+        let pose = found.poses[0];
+        prop_assert!(pose.rotation.is_finite() && pose.translation.is_finite());
+        prop_assert!(found.background.iter().all(|value| value.is_finite()));
+        for (row, by) in rows.iter().zip(found.geometry.chunks_exact(11)) {
+            if row.0.iter().chain(&row.1).any(|value| !value.is_finite()) || row.0[2] <= 0.0 {
+                prop_assert!(by.iter().all(|&value| value == 0.0));
+            }
+        }
+    }
+}
+
+#[test]
+fn extreme_pixel_gradients_scale_the_result_and_no_more() {
+    let gradients = |value: f32| {
+        let mut rasterizer = Rasterizer::cpu();
+        let (_, tape) =
+            rasterizer.record(&one(GOOD), &[camera()], &RenderSettings::default()).expect("valid");
+        let pixels = PixelGradients { image: vec![value; 27 * 18 * 3], alpha: None, depth: None };
+        rasterizer.backward(&one(GOOD), &tape, &[pixels]).expect("valid").geometry
+    };
+    let unit = gradients(1.0);
+    assert!(unit.iter().any(|&value| value != 0.0));
+    for exponent in [-100, 90] {
+        let factor = f64::from(exponent).exp2() as f32;
+        assert_eq!(gradients(factor), unit.iter().map(|value| value * factor).collect::<Vec<f32>>());
+    }
+    assert!(gradients(f32::MAX).iter().all(|value| value.is_finite()));
+    assert!(gradients(0.0).iter().all(|&value| value == 0.0));
 }

@@ -1,0 +1,201 @@
+//! What must hold of any gradient, whatever its value.
+
+use crate::check::by;
+use crate::losses::{noise, pixels};
+use gs_raster::{Error, Gradients, PixelGradients, Rasterizer, RenderSettings};
+use gs_reference::tolerance::F32_RANDOM_GRADIENT;
+use gs_reference::{Variable, compare};
+use gs_scene::{Camera, Gaussians};
+
+const BACKGROUND: [f32; 3] = [0.2, 0.5, 0.9];
+
+fn backward(
+    gaussians: &Gaussians,
+    camera: &Camera,
+    settings: &RenderSettings,
+    pixels: &PixelGradients,
+) -> Gradients {
+    let mut rasterizer = Rasterizer::cpu();
+    let (_, tape) = rasterizer.record(gaussians, &[*camera], settings).expect("valid");
+    rasterizer.backward(gaussians, &tape, std::slice::from_ref(pixels)).expect("valid")
+}
+
+/// A scene of random discs before the camera, all of them visible, over several tiles.
+fn discs(n: usize) -> (Gaussians, Camera) {
+    let mut scene = Gaussians::empty(2).expect("valid");
+    for i in 0..n {
+        let random = |k: usize| noise(k as u64, i);
+        let sh: Vec<f32> = (0..27).map(|k| 0.3 * random(20 + k)).collect();
+        scene.push(
+            [random(0), 0.6 * random(1), 3.0 + random(2)],
+            [random(3), random(4), random(5), 1.5],
+            [random(6) - 3.0, random(7) - 3.0, random(8) - 4.0],
+            2.0 * random(9),
+            &sh,
+        );
+    }
+    let lens = gs_scene::Intrinsics { fx: 90.0, fy: 85.0, cx: 41.0, cy: 23.0, width: 83, height: 50 };
+    let camera = Camera::new(lens, glam::DMat3::from_rotation_y(0.05), glam::DVec3::new(0.1, 0.0, 0.2));
+    (scene, camera.expect("valid"))
+}
+
+fn some_pixels(camera: &Camera) -> PixelGradients {
+    let size = camera.width() * camera.height();
+    pixels(3, &vec![false; size], &vec![1.0; size])
+}
+
+fn with_depth() -> RenderSettings {
+    RenderSettings { depth: true, background: BACKGROUND, ..RenderSettings::default() }
+}
+
+fn norm(values: &[f32]) -> f64 {
+    values.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>().sqrt()
+}
+
+/// All bits of gradients.
+fn bits(gradients: &Gradients) -> Vec<u64> {
+    let single = gradients.geometry.iter().chain(&gradients.sh).map(|value| u64::from(value.to_bits()));
+    let poses = gradients.poses.iter().flat_map(|pose| {
+        pose.rotation.to_cols_array().into_iter().chain(pose.translation.to_array()).collect::<Vec<f64>>()
+    });
+    single.chain(gradients.background.into_iter().chain(poses).map(f64::to_bits)).collect()
+}
+
+#[test]
+fn no_number_of_threads_changes_a_bit() {
+    // More than one chunk of Gaussians.
+    let (scene, camera) = discs(9000);
+    let pixels = some_pixels(&camera);
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("valid");
+        pool.install(|| bits(&backward(&scene, &camera, &with_depth(), &pixels)))
+    };
+    let one = on(1);
+    assert!(one.iter().any(|&bits| bits != 0));
+    for threads in [2, 3, 7] {
+        assert!(on(threads) == one, "{threads} threads");
+    }
+}
+
+#[test]
+fn quaternions_have_no_gradient_along_themselves() {
+    let (scene, camera) = discs(300);
+    let found = backward(&scene, &camera, &with_depth(), &some_pixels(&camera));
+    let mut turned = 0;
+    for (row, by) in scene.geometry().chunks_exact(11).zip(found.geometry.chunks_exact(11)) {
+        let (row, by) = (&row[gs_scene::QUATERNION], &by[gs_scene::QUATERNION]);
+        let dot: f64 = row.iter().zip(by).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+        assert!(dot.abs() <= f64::from(f32::EPSILON) * 2.0 * norm(row) * norm(by), "{row:?} {by:?}");
+        turned += usize::from(norm(by) > 0.0);
+    }
+    assert!(turned > 200, "{turned} Gaussians of 300 have a gradient");
+}
+
+#[test]
+fn every_kind_of_gradient_is_there() {
+    let (scene, camera) = discs(300);
+    let found = backward(&scene, &camera, &with_depth(), &some_pixels(&camera));
+    for variable in Variable::ALL {
+        let Some(found) = by(&found, variable, &camera) else { continue };
+        let norm = found.iter().map(|value| value * value).sum::<f64>().sqrt();
+        assert!(norm > 0.1, "{}: {norm}", variable.name());
+    }
+}
+
+#[test]
+fn what_is_not_drawn_has_no_gradient() {
+    let (mut scene, camera) = discs(60);
+    for (i, row) in scene.buffers_mut().0.chunks_exact_mut(11).enumerate().skip(30) {
+        match i % 5 {
+            0 => row[2] = -3.0,
+            1 => row[10] = -7.0,
+            2 => row[0] = 50.0,
+            3 => row[4] = f32::NAN,
+            _ => row[3..7].fill(0.0),
+        }
+    }
+    let found = backward(&scene, &camera, &with_depth(), &some_pixels(&camera));
+    assert!(found.geometry[30 * 11..].iter().chain(&found.sh[30 * 27..]).all(|&value| value == 0.0));
+    let drawn = found.geometry[..30 * 11].chunks_exact(11).filter(|row| norm(row) > 0.0).count();
+    assert!(drawn >= 25, "{drawn}");
+}
+
+#[test]
+fn views_of_a_batch_add_up() {
+    let (scene, camera) = discs(300);
+    let other = Camera::new(*camera.intrinsics(), camera.rotation(), glam::DVec3::new(-0.2, 0.1, 0.4));
+    let cameras = [camera, other.expect("valid")];
+    let pixels = cameras.map(|camera| some_pixels(&camera));
+    let mut rasterizer = Rasterizer::cpu();
+    let (_, tape) = rasterizer.record(&scene, &cameras, &with_depth()).expect("valid");
+    let both = rasterizer.backward(&scene, &tape, &pixels).expect("valid");
+    let each = [0, 1].map(|view| backward(&scene, &cameras[view], &with_depth(), &pixels[view]));
+    assert_eq!(both.poses, [each[0].poses[0], each[1].poses[0]]);
+    for (buffer, [a, b]) in
+        [(&both.geometry, [&each[0].geometry, &each[1].geometry]), (&both.sh, [&each[0].sh, &each[1].sh])]
+    {
+        let sum = a.iter().zip(b).map(|(a, b)| f64::from(*a) + f64::from(*b));
+        let deviation = compare(sum, buffer.iter().copied(), &[]).expect("comparable");
+        assert!(deviation.max_abs <= f64::from(f32::EPSILON) * deviation.largest, "{deviation:?}");
+    }
+}
+
+#[test]
+fn the_scale_of_the_world_scales_what_is_in_its_units() {
+    let (scene, camera) = discs(300);
+    let factor = 64.0f64;
+    let mut scaled = scene.clone();
+    for row in scaled.buffers_mut().0.chunks_exact_mut(11) {
+        row[..3].iter_mut().for_each(|value| *value *= factor as f32);
+        row[7..10].iter_mut().for_each(|value| *value += factor.ln() as f32);
+    }
+    let moved = Camera::new(*camera.intrinsics(), camera.rotation(), camera.translation() * factor);
+    let mut pixels = some_pixels(&camera);
+    let found = backward(&scene, &camera, &with_depth(), &pixels);
+    // Depth is in units of the world, its gradient in their inverse.
+    pixels.depth.iter_mut().flatten().for_each(|value| *value /= factor as f32);
+    let settings = RenderSettings { near: with_depth().near * factor as f32, ..with_depth() };
+    let moved = moved.expect("valid");
+    let scaled = backward(&scaled, &moved, &settings, &pixels);
+    for variable in Variable::ALL {
+        let Some(found) = by(&found, variable, &camera) else { continue };
+        let scaled = by(&scaled, variable, &moved).expect("as before").into_iter().enumerate();
+        let scaled = scaled.map(|(i, value)| match variable {
+            Variable::Means => value * factor,
+            Variable::WorldToCamera if i % 4 == 3 => value * factor,
+            Variable::Twist if i < 3 => value * factor,
+            _ => value,
+        });
+        let deviation = compare(found, scaled, &[]).expect("comparable");
+        // The logarithms of the scales are rounded: by 5e-7, which is what it changes.
+        assert!(
+            deviation.max_abs <= F32_RANDOM_GRADIENT * deviation.largest,
+            "{}: {deviation:?}",
+            variable.name()
+        );
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_an_error() {
+    let (scene, camera) = discs(3);
+    let mut rasterizer = Rasterizer::cpu();
+    let (_, tape) = rasterizer.record(&scene, &[camera], &RenderSettings::default()).expect("valid");
+    let size = camera.width() * camera.height();
+    let good = PixelGradients { image: vec![1.0; size * 3], alpha: None, depth: None };
+    let mut backward =
+        |scene: &Gaussians, pixels: &[PixelGradients]| rasterizer.backward(scene, &tape, pixels);
+    assert!(backward(&scene, std::slice::from_ref(&good)).is_ok());
+    let found = backward(&discs(4).0, std::slice::from_ref(&good));
+    assert!(matches!(found, Err(Error::OtherScene { expected: 3, found: 4, .. })), "{found:?}");
+    let found = backward(&scene, &[good.clone(), good.clone()]);
+    assert!(matches!(found, Err(Error::Views { expected: 1, found: 2 })), "{found:?}");
+    let found = backward(&scene, &[PixelGradients { alpha: Some(vec![0.0]), ..good.clone() }]);
+    assert!(matches!(found, Err(Error::PixelGradientLength { what: "alpha", found: 1, .. })), "{found:?}");
+    let found = backward(&scene, &[PixelGradients { depth: Some(vec![0.0; size]), ..good.clone() }]);
+    assert!(matches!(found, Err(Error::DepthNotRendered)), "{found:?}");
+    let mut bad = good;
+    bad.image[7] = f32::NAN;
+    let found = backward(&scene, &[bad]);
+    assert!(matches!(found, Err(Error::PixelGradientNotFinite { what: "image", index: 7 })), "{found:?}");
+}
