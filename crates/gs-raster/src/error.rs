@@ -117,6 +117,17 @@ pub enum Error {
         /// The largest size.
         limit: u64,
     },
+    /// A side of the picture is more tiles than a dispatch may have workgroups.
+    #[cfg(feature = "gpu")]
+    #[error(
+        "a side of the image is {found} pixels, the GPU draws at most {limit}: render a smaller image, or on the CPU"
+    )]
+    ImageTooLongForGpu {
+        /// Pixels of the longer side.
+        found: usize,
+        /// The most.
+        limit: usize,
+    },
     /// The adapter failed.
     #[cfg(feature = "gpu")]
     #[error("the adapter {adapter} failed; render on the CPU, or a smaller scene")]

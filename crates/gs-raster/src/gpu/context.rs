@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
 /// Most workgroups along one dimension of a dispatch, by WebGPU's defaults.
-const GRID_MAX: u32 = 65_535;
+pub(super) const GRID_MAX: u32 = 65_535;
 
 /// A GPU that is ready to run the passes.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! One view on the GPU: project, sort by depth, list by tile, composite.
 
-use super::context::{Gpu, Recording, folded};
+use super::context::{GRID_MAX, Gpu, Recording, folded};
 use super::frame::frame;
 use super::pool::{Pooled, Use};
 use super::upload::Upload;
@@ -8,7 +8,7 @@ use crate::{Error, RenderSettings, RenderStats, Rendering, Result, StageSeconds,
 use gs_scene::{Camera, Gaussians, Image};
 use gs_shaders::{
     BIN, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PROJECT, RASTERIZE_ELLIPSOIDS, RASTERIZE_FORWARD,
-    REJECTED, Splat, Surface, TILE_RANGES, VISIBLE, WORKGROUP,
+    REJECTED, Splat, Surface, TILE, TILE_RANGES, VISIBLE, WORKGROUP,
 };
 use std::time::Instant;
 
@@ -75,6 +75,10 @@ impl Gpu {
         settings: &RenderSettings,
         train: bool,
     ) -> Result<(Rendering, Option<ViewTape>)> {
+        let (found, limit) = (camera.width().max(camera.height()), (GRID_MAX * TILE) as usize);
+        if found > limit {
+            return Err(Error::ImageTooLongForGpu { found, limit });
+        }
         let n_pixels = camera.width() * camera.height();
         self.check_size("pixels", (n_pixels * numbers_per_pixel(settings) * size_of::<f32>()) as u64)?;
         let per_pair = if train { PAIR_GRADS } else { 1 } * size_of::<f32>();
