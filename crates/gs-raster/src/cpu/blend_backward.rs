@@ -5,6 +5,7 @@
 //! the expected depth), ∂L/∂α = T (q - B), where B is q of what is behind, blended as the colours are. T is divided by
 //! 1 - α at each step, the very number it was multiplied by.
 
+use super::bin::{Places, chunk_size};
 use super::blend::{Limits, Lists, Local, PIXELS, Plane, Trace, centres, lanes, origin};
 use super::math::mul_add;
 use super::project::{BATCH, Splat};
@@ -55,28 +56,27 @@ pub(super) fn sum(
         }
     }
     // Each splat's tiles in the order in which they are listed, whoever sums them.
-    let chunks: Vec<Vec<Moments>> = lists
-        .bins
-        .places()
-        .into_par_iter()
-        .map(|places| {
-            let mut sums = Vec::with_capacity(places.len());
-            places.for_each(|places| {
-                let mut sum = [0.0; MOMENTS];
-                for &(tile, place) in places {
-                    for (sum, &value) in sum.iter_mut().zip(&tiles[tile].0[place]) {
-                        *sum += f64::from(value);
-                    }
+    let places = lists.bins.places();
+    let mut moments = vec![[0.0; MOMENTS]; places.iter().map(Places::len).sum()];
+    moments.par_chunks_mut(chunk_size(lists.grid)).zip(places).for_each(|(moments, places)| {
+        let mut moments = moments.iter_mut();
+        places.for_each(|places| {
+            let mut sum = [0.0; MOMENTS];
+            for &(tile, place) in places {
+                for (sum, &value) in sum.iter_mut().zip(&tiles[tile].0[place]) {
+                    *sum += f64::from(value);
                 }
-                sums.push(sum.map(finite));
-            });
-            sums
-        })
-        .collect();
-    Summed { moments: chunks.concat(), unit }
+            }
+            if let Some(moments) = moments.next() {
+                *moments = sum.map(finite);
+            }
+        });
+    });
+    Summed { moments, unit }
 }
 
 /// A number as f32: at most the largest there is, and 0 for what is none.
+#[inline(always)]
 pub(super) fn finite(value: f64) -> f32 {
     if value.is_nan() { 0.0 } else { value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32 }
 }

@@ -7,6 +7,7 @@ use super::span::{Bounds, Span, Tiles};
 use crate::RenderSettings;
 use crate::settings::INTERSECTIONS_MAX;
 use gs_scene::{Camera, Gaussians, sh_coefficients};
+use multiversion::multiversion;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -210,6 +211,8 @@ struct Frame<'a> {
     intersections: &'a AtomicU64,
 }
 
+/// Projects the Gaussians of a chunk.
+#[multiversion(targets("x86_64+avx2+fma"))]
 fn project_chunk<const DEGREE: usize>(
     chunk: &mut Chunk,
     view: &View,

@@ -84,7 +84,7 @@ fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summe
             for (column, &moment) in block.moments.iter_mut().zip(moments) {
                 column[at] = moment;
             }
-            let rgb = color_gradient(splat, moments);
+            let rgb = colour_gradient(splat, moments);
             let sh = &chunk.sh[row * coefficients * 3..][..coefficients * 3];
             for k in 0..coefficients {
                 block.weights[k][at] = sh[3 * k] * rgb[0] + sh[3 * k + 1] * rgb[1] + sh[3 * k + 2] * rgb[2];
@@ -94,7 +94,7 @@ fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summe
             block.colour_backward::<DEGREE>(at, view, &stored);
         }
         for at in 0..BLOCK {
-            block.backward(at, view, &stored);
+            block.backward(at, view, &stored, summed.unit);
         }
         for (at, splat) in splats.iter().enumerate() {
             if !block.active[at] {
@@ -103,15 +103,14 @@ fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summe
             let row = splat.gaussian as usize;
             let found = &mut chunk.geometry_gradients[row * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY];
             for (found, column) in found.iter_mut().zip(&block.geometry) {
-                *found = finite(f64::from(*found) + summed.unit * column[at]);
+                add(found, column[at]);
             }
-            let rgb = color_gradient(splat, &moments[at]);
+            let rgb = colour_gradient(splat, &moments[at]);
+            let rgb = rgb.map(|channel| finite(summed.unit * f64::from(channel)));
             let found = &mut chunk.sh_gradients[row * coefficients * 3..][..coefficients * 3];
             for k in 0..coefficients {
                 for channel in 0..3 {
-                    let gradient = f64::from(block.basis[k][at] * rgb[channel]);
-                    let found = &mut found[3 * k + channel];
-                    *found = finite(f64::from(*found) + summed.unit * gradient);
+                    add(&mut found[3 * k + channel], block.basis[k][at] * rgb[channel]);
                 }
             }
         }
@@ -119,9 +118,15 @@ fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summe
     block.pose(summed.unit)
 }
 
+/// Adds a gradient to those of other views, at most to the largest number there is.
+#[inline(always)]
+fn add(sum: &mut f32, gradient: f32) {
+    *sum = (*sum + gradient).clamp(f32::MIN, f32::MAX);
+}
+
 /// The gradient by the colour before it was cut at 0.
 #[inline(always)]
-fn color_gradient(splat: &Splat, moments: &[f32; MOMENTS]) -> [f32; 3] {
+fn colour_gradient(splat: &Splat, moments: &[f32; MOMENTS]) -> [f32; 3] {
     std::array::from_fn(
         |channel| {
             if splat.rgb[channel].is_sign_negative() { 0.0 } else { moments[6 + channel] }
@@ -139,7 +144,7 @@ struct Block {
     basis: [[f32; BLOCK]; sh::COEFFICIENTS_MAX],
     /// The gradient by the mean through the direction of the view.
     shift: [[f64; BLOCK]; 3],
-    geometry: [[f64; BLOCK]; Gaussians::GEOMETRY],
+    geometry: [[f32; BLOCK]; Gaussians::GEOMETRY],
     /// Sums over blocks: by rotation, column by column, and by translation.
     pose: [[f64; BLOCK]; 12],
 }
@@ -178,7 +183,7 @@ impl Block {
     }
 
     #[inline(always)]
-    fn backward(&mut self, at: usize, view: &View, stored: &Columns) {
+    fn backward(&mut self, at: usize, view: &View, stored: &Columns, unit: f64) {
         let shape = Footprint::new(view, stored, at);
         let moment = |k: usize| f64::from(self.moments[k][at]);
         let (s, s_dx, s_dxdx) = (moment(0), moment(1), moment(2));
@@ -266,7 +271,7 @@ impl Block {
         let l = by_log_scale;
         let geometry = [world.x, world.y, world.z, q.w, q.x, q.y, q.z, l.x, l.y, l.z, by_logit];
         for (column, value) in self.geometry.iter_mut().zip(geometry) {
-            column[at] = value;
+            column[at] = finite(unit * value);
         }
         let active = self.active[at];
         let pose = [by_x, by_y, by_z, by_translation];
