@@ -55,9 +55,13 @@ fn project_ellipsoids(
     let g = -2.0 / LOG2_E * f.falloff.y;
     let with_e = dot(f.w, along_z);
     let with_y = dot(f.v, along_z);
-    // What is left of the variance of z once the pixel is given; rounding must not make it negative.
-    let variance = max(dot(along_z, along_z) - a * with_e * with_e - g * with_y * with_y, 0.0);
-    surfaces[index] = Surface(a * with_e, g * with_y, sqrt(variance), 0.0);
+    let slope = vec2f(a * with_e, g * with_y);
+    // What is left of z once the pixel is given, along the Gaussian's axes and those of the low-pass filter: as a sum of
+    // squares, because the difference of variances cancels for flat Gaussians.
+    let rest = along_z - slope.x * f.w - slope.y * f.v;
+    let filtered = vec2f(slope.x, slope.y - f.shear.x * slope.x);
+    let variance = dot(rest, rest) + frame.eps2d * dot(filtered, filtered);
+    surfaces[index] = Surface(slope.x, slope.y, sqrt(variance), 0.0);
 }
 
 // Writes the footprint of a Gaussian if it is visible, and says whether it is.

@@ -4,7 +4,7 @@ use crate::ewa::{activated, footprint_of, from_camera, rotation_row, seen_at};
 use crate::frame::split;
 use crate::grid::ellipse_of;
 use crate::sh::{sh_at, sh_basis};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use gs_shaders::{
     CULLED, Features, Frame, GEOMETRY, N_COUNTERS, REACH_SLACK, REJECTED, Splat, Surface, VISIBLE,
 };
@@ -54,12 +54,17 @@ fn surface_of(frame: &Frame, geometry: &[f32], index: usize, features: Features)
     let f = footprint_of(frame, &gaussian, &seen_at(frame, gaussian.mean), features);
     let along_z = gaussian.axes.transpose() * rotation_row(frame, 2) * f.scale;
     let [a, g] = [f.falloff.x, f.falloff.y].map(|falloff| -2.0 * LN_2 * falloff);
-    let (with_e, with_y) = ((f.u - f.shear * f.v).dot(along_z), f.v.dot(along_z));
-    let variance = along_z.length_squared() - a * with_e * with_e - g * with_y * with_y;
+    let w = f.u - f.shear * f.v;
+    let (slope_e, slope_y) = (a * w.dot(along_z), g * f.v.dot(along_z));
+    // What e and dy leave of z, along the Gaussian's axes and those of the low-pass filter: the difference of the variances
+    // would cancel for flat Gaussians.
+    let rest = along_z - slope_e * w - slope_y * f.v;
+    let filtered = DVec2::new(slope_e, slope_y - f.shear * slope_e);
+    let variance = rest.length_squared() + f64::from(frame.eps2d) * filtered.length_squared();
     Surface {
-        slope_e: (a * with_e) as f32,
-        slope_y: (g * with_y) as f32,
-        sigma_z: variance.max(0.0).sqrt() as f32,
+        slope_e: slope_e as f32,
+        slope_y: slope_y as f32,
+        sigma_z: variance.sqrt() as f32,
         padding: 0.0,
     }
 }

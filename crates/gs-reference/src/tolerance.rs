@@ -89,10 +89,6 @@ pub const PASS_POSITION: f64 = 1e-8;
 /// last place: at the logarithm of a scale of -10 by 1.4e-6, which counts twice in a variance.
 pub const PASS_NUMBER: f64 = 1e-5;
 
-/// A pass on a GPU against its twin: standard deviations along the rays of ellipsoids, relative to those along z: of a needle seen
-/// from the side the square root is left of a difference that cancels, and f32 has 1e-6 of what cancels.
-pub const PASS_SIGMA_Z: f64 = 1e-3;
-
 /// A pass on a GPU against its twin: pixels, relative to the largest (at least 1 but for depths). exp2 may be off by 20 units of
 /// the last place where a Gaussian ends.
 pub const PASS_PIXEL: f64 = 1e-5;
@@ -104,6 +100,10 @@ pub const PASS_ELLIPSOID: f64 = 1e-3;
 /// A pass on a GPU against its twin: derivatives, relative to the largest of a kind. What stands behind a Gaussian is divided by
 /// 1 - alpha, which comes down to 1e-2, at each.
 pub const PASS_GRADIENT: f64 = 1e-4;
+
+/// An f32 renderer on ellipsoid views, relative to the largest value (at least 1): what TWIN_ELLIPSOID has for one rounding, for
+/// those of the projection and of the front.
+pub const F32_ELLIPSOID: f64 = 5e-5;
 
 /// Distance of a decision from its threshold, relative, below which f32 may decide otherwise.
 pub const AMBIGUOUS: f64 = 5e-4;

@@ -5,7 +5,7 @@ use crate::check::Row;
 use gs_raster::gpu::{Gpu, PassBuffer};
 use gs_reference::Deviation;
 use gs_reference::project::Footprints;
-use gs_reference::tolerance::{PASS_NUMBER, PASS_POSITION, PASS_SIGMA_Z};
+use gs_reference::tolerance::{PASS_NUMBER, PASS_POSITION};
 use gs_shaders::{CULLED, GEOMETRY, N_COUNTERS, PROJECT, Splat, Surface};
 use std::f64::consts::LN_2;
 
@@ -124,7 +124,7 @@ fn fronts(footprints: &Footprints, expected: &[Surface], found: &[Surface]) -> V
         exact("surfaces not visible", &vec![UNTOUCHED; untouched.len()], &untouched),
         slopes("slope_e", |surface| surface.slope_e),
         slopes("slope_y", |surface| surface.slope_y),
-        close("surfaces: sigma_z", &share(expected), &share(found), &[], |_| PASS_SIGMA_Z),
+        close("surfaces: sigma_z", &share(expected), &share(found), &[], |_| PASS_NUMBER),
     ]
     .into_iter()
     .flatten()
