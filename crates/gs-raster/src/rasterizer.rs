@@ -108,6 +108,7 @@ impl Rasterizer {
     /// # Errors
     /// If a setting lies outside its range, the Gaussians touch more tiles than memory can hold, the scene or the image
     /// is too large for the GPU, or the GPU fails.
+    #[expect(clippy::missing_panics_doc, reason = "of one camera there is one view")]
     pub fn render(
         &mut self,
         gaussians: &Gaussians,

@@ -115,11 +115,11 @@ fn pixel_gradients(view: &ViewTape, pixels: &PixelGradients) -> Vec<f32> {
         grads.extend_from_slice(&pixels.image[at * 3..at * 3 + 3]);
         let mut by_transmittance = -pixels.alpha.as_ref().map_or(0.0, |alpha| alpha[at]);
         let mut by_sum = 0.0;
-        if let (Some(grad), Some([depth, weight])) = (&pixels.depth, &view.depth) {
-            if weight[at] > 0.0 {
-                by_sum = grad[at] / weight[at];
-                by_transmittance += by_sum * depth[at];
-            }
+        if let (Some(grad), Some([depth, weight])) = (&pixels.depth, &view.depth)
+            && weight[at] > 0.0
+        {
+            by_sum = grad[at] / weight[at];
+            by_transmittance += by_sum * depth[at];
         }
         grads.extend_from_slice(&[by_transmittance, by_sum, transmittance]);
     }

@@ -266,7 +266,6 @@ fn numbers_per_pixel(settings: &RenderSettings) -> usize {
 }
 
 /// What was read back as a rendering, its transmittance, and Σ w if depth was rendered.
-#[expect(clippy::type_complexity, reason = "three parts of one readback")]
 fn picture(
     camera: &Camera,
     settings: &RenderSettings,
