@@ -28,6 +28,8 @@ override WORKGROUP: u32;
 
 const LN_2: f32 = 0.6931471805599453;
 const POSE_SUMS: u32 = 15;
+// Pairs that are summed by themselves.
+const PARTIAL: u32 = 64;
 
 // What one Gaussian adds to the derivatives by the pose.
 struct Pose {
@@ -52,9 +54,16 @@ fn project_backward(
         let end = offsets[rank + 1u];
         if first < end {
             var sums: array<f32, 10>;
-            for (var pair = first; pair < end; pair++) {
+            // A sum of sums: of thousands of pairs in a row the first ones would be rounded thousands of times.
+            for (var start = first; start < end; start += PARTIAL) {
+                var part: array<f32, 10>;
+                for (var pair = start; pair < min(start + PARTIAL, end); pair++) {
+                    for (var i = 0u; i < 10u; i++) {
+                        part[i] += pair_grads[pair * 10u + i];
+                    }
+                }
                 for (var i = 0u; i < 10u; i++) {
-                    sums[i] += pair_grads[pair * 10u + i];
+                    sums[i] += part[i];
                 }
             }
             pose = differentiate(order[rank], sums);

@@ -79,7 +79,8 @@ fn rasterize_backward(
     var sorted = 0u;
     var owns = false;
     // At step s invocation i meets pixel (s - i) mod belt: no two meet the same one.
-    for (var step = 0u; step < n_rounds * belt + belt - 1u && n_pairs > 0u; step++) {
+    // The last pair meets the last pixel at step n_pairs + belt - 2.
+    for (var step = 0u; step < n_pairs + belt - 1u && n_pairs > 0u; step++) {
         let time = step - local;
         if step >= local && time < n_rounds * belt {
             let met = time % belt;
