@@ -1,7 +1,7 @@
 //! Gradients against the f64 reference on random scenes, and what must hold of any gradient. Golden ones are in `golden`.
 
 use crate::check::settings;
-use crate::losses::{gradient_rows, pixels};
+use crate::losses::{compare_gradients, pixels};
 use crate::scenes::{camera, gaussians};
 use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings};
 use gs_reference::Profile;
@@ -34,7 +34,8 @@ proptest! {
         prop_assume!(ambiguous.contains(&false));
         let pixels = pixels(seed, &ambiguous, &truth.alpha);
         let found = backward(&scene, &camera, &settings(&profile, BACKGROUND), &pixels);
-        for row in gradient_rows(&scene, &camera, BACKGROUND, &profile, &truth, &pixels, &found) {
+        for compared in compare_gradients(&scene, &camera, BACKGROUND, &profile, &truth, &pixels, &found) {
+            let row = compared.row();
             prop_assert!(row.holds(), "{}: {:?}, bound {:.1e}", row.output, row.deviation, row.bound);
         }
     }

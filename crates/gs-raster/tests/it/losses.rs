@@ -3,7 +3,7 @@
 use crate::check::{Row, by};
 use gs_raster::{Gradients, PixelGradients};
 use gs_reference::tolerance::{F32_ABSOLUTE, F32_RANDOM_GRADIENT};
-use gs_reference::{Profile, Reference, Variable, compare};
+use gs_reference::{Deviation, Mismatch, Profile, Reference, Variable, compare};
 use gs_scene::{Camera, Gaussians};
 
 /// A number in -1..1 of a seed and a place.
@@ -63,9 +63,16 @@ fn parts(pixels: &gs_reference::PixelGradients) -> [gs_reference::PixelGradients
     })
 }
 
-/// Gradients beside those of the reference, given its picture of the scene and the gradients by the pixels. Pixels cancel each
-/// other by chance, and rounding does not: bounds are relative to the magnitudes of parts of the picture.
-pub(crate) fn gradient_rows(
+/// The gradients by one variable beside those of the reference.
+pub(crate) struct Compared {
+    pub(crate) variable: Variable,
+    pub(crate) deviation: Result<Deviation, Mismatch>,
+    /// Largest sum of the magnitudes that parts of the picture add. Pixels cancel each other by chance, and rounding does not.
+    pub(crate) magnitude: f64,
+}
+
+/// Gradients beside those of the reference, given its picture of the scene and the gradients by the pixels.
+pub(crate) fn compare_gradients(
     scene: &Gaussians,
     camera: &Camera,
     background: [f32; 3],
@@ -73,7 +80,7 @@ pub(crate) fn gradient_rows(
     truth: &Reference,
     pixels: &PixelGradients,
     found: &Gradients,
-) -> Vec<Row> {
+) -> Vec<Compared> {
     let background = background.map(f64::from);
     let parts = parts(&of_reference(pixels, truth))
         .map(|pixels| gs_reference::backward(scene, camera, background, profile, &pixels));
@@ -90,12 +97,15 @@ pub(crate) fn gradient_rows(
                     magnitude[i] += value.abs();
                 }
             }
-            let largest = magnitude.into_iter().fold(0.0, f64::max);
-            Row {
-                output: variable.name().to_owned(),
-                deviation: compare(expected, found, &[]),
-                bound: (F32_RANDOM_GRADIENT * largest).max(F32_ABSOLUTE),
-            }
+            let magnitude = magnitude.into_iter().fold(0.0, f64::max);
+            Compared { variable, deviation: compare(expected, found, &[]), magnitude }
         })
         .collect()
+}
+
+impl Compared {
+    pub(crate) fn row(self) -> Row {
+        let bound = (F32_RANDOM_GRADIENT * self.magnitude).max(F32_ABSOLUTE);
+        Row { output: self.variable.name().to_owned(), deviation: self.deviation, bound }
+    }
 }

@@ -1,11 +1,14 @@
 //! Golden cases, properties against the f64 reference, and hostile input.
 
+mod backward;
 mod check;
 mod fixtures;
 mod golden;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod gradients;
+mod hard_case;
+mod hard_cases;
 mod hostile;
 mod losses;
 #[cfg(feature = "gpu")]

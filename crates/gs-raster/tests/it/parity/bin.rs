@@ -20,7 +20,7 @@ pub(super) fn rows(gpu: &mut Gpu, input: &Chain, truth: &Chain) -> Vec<Row> {
             of(&nothing),
             of(&nothing),
         ];
-        gpu.run_pass(&BIN, entry_point, input.view.features, grid, &buffers).unwrap()
+        gpu.run_pass(&BIN, entry_point, input.view.features, grid, &buffers).expect("the pass runs")
     };
     let counted = run("bin_count", &vec![UNTOUCHED; given.counts.len()]);
     let emitted = run("bin_emit", &given.offsets);

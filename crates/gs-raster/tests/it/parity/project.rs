@@ -25,7 +25,7 @@ pub(super) fn rows(gpu: &mut Gpu, input: &Chain, truth: &Chain) -> Vec<Row> {
             of(&[0u32; N_COUNTERS]),
             surfaces,
         ];
-        gpu.run_pass(&PROJECT, entry_point, input.view.features, groups(n), &buffers).unwrap()
+        gpu.run_pass(&PROJECT, entry_point, input.view.features, groups(n), &buffers).expect("the pass runs")
     };
     let out = run("project", PassBuffer::Unused);
     let mut rows = footprints("project", &truth.lists.footprints, &out);

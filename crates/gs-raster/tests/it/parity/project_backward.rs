@@ -23,7 +23,8 @@ pub(super) fn rows(gpu: &mut Gpu, input: &Chain, truth: &Chain) -> Vec<Row> {
         of(&nothing),
     ];
     let (features, grid) = (input.view.features, groups(input.n_gaussians() as usize));
-    let out = gpu.run_pass(&PROJECT_BACKWARD, "project_backward", features, grid, &buffers).unwrap();
+    let out =
+        gpu.run_pass(&PROJECT_BACKWARD, "project_backward", features, grid, &buffers).expect("the pass runs");
     let (geometry, sh): (Vec<f32>, Vec<f32>) = (words(&out[6]), words(&out[7]));
     let (expected, poses) = (&truth.backward.stored, words::<f32>(&out[8]));
     let mut rows = Vec::new();

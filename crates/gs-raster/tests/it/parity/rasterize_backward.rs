@@ -23,8 +23,9 @@ pub(super) fn rows(gpu: &mut Gpu, input: &Chain, truth: &Chain) -> Vec<Row> {
         of(&zeros),
     ];
     let features = input.view.features;
-    let out =
-        gpu.run_pass(&RASTERIZE_BACKWARD, "rasterize_backward", features, frame.tiles, &buffers).unwrap();
+    let out = gpu
+        .run_pass(&RASTERIZE_BACKWARD, "rasterize_backward", features, frame.tiles, &buffers)
+        .expect("the pass runs");
     let found: Vec<f32> = words(&out[7]);
     let column = |grads: &[f32], at: usize| -> Vec<f32> {
         grads.iter().skip(at).step_by(PAIR_GRADS).copied().collect()

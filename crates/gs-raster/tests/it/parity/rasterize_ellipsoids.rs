@@ -19,8 +19,9 @@ pub(super) fn rows(gpu: &mut Gpu, input: &Chain, truth: &Chain) -> Vec<Row> {
         of(&no_pixels),
     ];
     let features = input.view.features;
-    let out =
-        gpu.run_pass(&RASTERIZE_ELLIPSOIDS, "rasterize_ellipsoids", features, frame.tiles, &buffers).unwrap();
+    let out = gpu
+        .run_pass(&RASTERIZE_ELLIPSOIDS, "rasterize_ellipsoids", features, frame.tiles, &buffers)
+        .expect("the pass runs");
     let found: Vec<f32> = words(&out[6]);
     let n_pixels = (frame.size[0] * frame.size[1]) as usize;
     let (image, rest) = found.split_at(4 * n_pixels);

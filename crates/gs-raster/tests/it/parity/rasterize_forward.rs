@@ -21,7 +21,8 @@ pub(super) fn rows(gpu: &mut Gpu, input: &Chain, truth: &Chain) -> Vec<Row> {
             of(&no_pixels),
             ends,
         ];
-        gpu.run_pass(&RASTERIZE_FORWARD, entry_point, input.view.features, frame.tiles, &buffers).unwrap()
+        gpu.run_pass(&RASTERIZE_FORWARD, entry_point, input.view.features, frame.tiles, &buffers)
+            .expect("the pass runs")
     };
     let plain = run("rasterize_forward", PassBuffer::Unused);
     let train = run("rasterize_forward_train", of(&no_ends));

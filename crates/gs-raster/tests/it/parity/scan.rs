@@ -40,7 +40,7 @@ fn steps(gpu: &mut Gpu, values: &[u32], truth: &[u32], total: u32) -> Vec<Row> {
 
     let mut run = |entry_point: &str, grid, sums: &[u32]| {
         let buffers = [one(&uniform), of(values), of(sums), of(&counters)];
-        gpu.run_pass(&SCAN, entry_point, no_features, grid, &buffers).unwrap()
+        gpu.run_pass(&SCAN, entry_point, no_features, grid, &buffers).expect("the pass runs")
     };
     let nothing = vec![7; sums.len()];
     let reduced = run("scan_reduce", blocks, &nothing);
@@ -105,7 +105,7 @@ fn buffers_that_an_entry_point_does_not_use_need_not_be_given() {
     let uniform = uniform(&[1, 2, 3], NOWHERE);
     let features = Features { sh_degree: 0, antialias: false, depth: false };
     let buffers = [one(&uniform), of::<u32>(&[1, 2, 3]), of::<u32>(&[0]), PassBuffer::Unused];
-    let out = gpu().run_pass(&SCAN, "scan_reduce", features, [1, 1], &buffers).unwrap();
+    let out = gpu().run_pass(&SCAN, "scan_reduce", features, [1, 1], &buffers).expect("the pass runs");
     assert_eq!(words::<u32>(&out[2]), [6]);
     assert!(out[3].is_empty());
 }

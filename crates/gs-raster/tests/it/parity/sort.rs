@@ -83,7 +83,9 @@ fn run(
 ) -> [Vec<u32>; 3] {
     let buffers =
         [one(step), of(counters), of(&input.keys), of(&input.values), of(histogram), of(keys), of(values)];
-    let out = gpu.run_pass(&SORT, entry_point, NO_FEATURES, blocks(step.n_blocks), &buffers).unwrap();
+    let out = gpu
+        .run_pass(&SORT, entry_point, NO_FEATURES, blocks(step.n_blocks), &buffers)
+        .expect("the pass runs");
     [words(&out[4]), words(&out[5]), words(&out[6])]
 }
 
@@ -101,7 +103,7 @@ fn sorted(gpu: &mut Gpu, mut input: Keyed, bits: u32, counters: &[u32; N_COUNTER
         for entry_point in ["scan_reduce", "scan_sums", "scan_apply"] {
             let grid = if entry_point == "scan_sums" { [1, 1] } else { blocks(uniform.n_blocks) };
             let buffers = [one(&uniform), of(&histogram), of(&sums), of(counters)];
-            let out = gpu.run_pass(&SCAN, entry_point, NO_FEATURES, grid, &buffers).unwrap();
+            let out = gpu.run_pass(&SCAN, entry_point, NO_FEATURES, grid, &buffers).expect("the pass runs");
             (histogram, sums) = (words(&out[1]), words(&out[2]));
         }
         let out = run(gpu, "sort_scatter", &step, counters, &input, [&histogram, &nothing, &nothing]);

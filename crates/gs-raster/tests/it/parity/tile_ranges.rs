@@ -10,7 +10,9 @@ pub(super) fn rows(gpu: &mut Gpu, input: &Chain, truth: &Chain) -> Vec<Row> {
     let ranges = vec![[0u32; 2]; pass.ranges.len()];
     let buffers = [one(&input.view.frame), of(&pass.counters), of(&pass.sorted_tiles), of(&ranges)];
     let grid = groups(pass.sorted_tiles.len());
-    let out = gpu.run_pass(&TILE_RANGES, "tile_ranges", input.view.features, grid, &buffers).unwrap();
+    let out = gpu
+        .run_pass(&TILE_RANGES, "tile_ranges", input.view.features, grid, &buffers)
+        .expect("the pass runs");
     exact("ranges", truth.lists.ranges.as_flattened(), &words(&out[3])).into_iter().collect()
 }
 
