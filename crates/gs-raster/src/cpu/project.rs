@@ -177,25 +177,25 @@ impl Chunk {
         (*intersections, *rejected) = (0, 0);
     }
 
+    /// Adds a splat; its tiles are only counted unless `keep`.
     #[inline(always)]
-    fn push(&mut self, splat: Splat, bounds: Bounds, frame: Frame) {
+    fn push(&mut self, splat: Splat, bounds: Bounds, frame: Frame, keep: bool) {
         let first = self.spans.len();
-        let mut pairs = 0;
-        // Once there are too many they only are counted.
-        let keep = frame.intersections.load(Ordering::Relaxed) <= INTERSECTIONS_MAX;
+        let mut found = (0, Span { start: 0, end: 0 });
         bounds.for_each_span(&splat, frame.grid, frame.limit, |span| {
-            pairs += u64::from(span.end - span.start);
-            if keep {
+            self.intersections += u64::from(span.end - span.start);
+            if found.0 > 0 && keep {
+                if found.0 == 1 {
+                    self.spans.push(found.1);
+                }
                 self.spans.push(span);
             }
+            found = (found.0 + 1, span);
         });
-        let count = (self.spans.len() - first) as u32;
-        let tiles = Tiles::Several { first: first as u32, count };
-        self.tiles.push(if count == 1 { self.spans.pop().map_or(tiles, Tiles::One) } else { tiles });
-        self.intersections += pairs;
-        if count > 1 {
-            frame.intersections.fetch_add(pairs, Ordering::Relaxed);
-        }
+        self.tiles.push(match found {
+            (1, span) => Tiles::One(span),
+            (count, _) => Tiles::Several { first: first as u32, count: if keep { count } else { 0 } },
+        });
         self.depths.push(splat.depth.to_bits());
         self.splats.push(splat);
     }
@@ -207,7 +207,7 @@ struct Frame<'a> {
     grid: Grid,
     /// log₂ of alpha at which the ellipses end.
     limit: f32,
-    /// Tiles of splats that are in several rows of tiles, found so far.
+    /// Pairs of splat and tile found so far.
     intersections: &'a AtomicU64,
 }
 
@@ -237,7 +237,9 @@ fn project_chunk<const DEGREE: usize>(
         for (gaussian, &outcome) in outcomes[..geometry.len() / Gaussians::GEOMETRY].iter().enumerate() {
             chunk.rejected += usize::from(outcome == REJECTED);
             if outcome == DRAWN {
-                stored.copy(gaussian, kept);
+                if kept < gaussian {
+                    stored.copy(gaussian, kept);
+                }
                 gaussians[kept] = gaussian;
                 kept += 1;
             }
@@ -245,6 +247,9 @@ fn project_chunk<const DEGREE: usize>(
         if kept == 0 {
             continue;
         }
+        // Once there are too many pairs they only are counted.
+        let before = chunk.intersections;
+        let keep = frame.intersections.load(Ordering::Relaxed) <= INTERSECTIONS_MAX;
         find_shapes(&mut shapes, view, &stored);
         find_colours::<DEGREE>(&mut colours, &shapes.direction, &gaussians[..kept], sh);
         for (place, gaussian) in gaussians[..kept].iter().enumerate() {
@@ -254,10 +259,11 @@ fn project_chunk<const DEGREE: usize>(
             } else if rgb.iter().all(|channel| channel.is_finite()) {
                 let rgb = rgb.map(|channel| if channel < 0.0 { -0.0 } else { channel });
                 let gaussian = (block * BLOCK + gaussian) as u32;
-                chunk.push(shapes.splat(place, rgb, gaussian), shapes.bounds(place), frame);
+                chunk.push(shapes.splat(place, rgb, gaussian), shapes.bounds(place), frame, keep);
             } else {
                 chunk.rejected += 1;
             }
         }
+        frame.intersections.fetch_add(chunk.intersections - before, Ordering::Relaxed);
     }
 }

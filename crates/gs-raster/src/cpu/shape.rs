@@ -179,8 +179,8 @@ impl Shapes {
     #[inline(always)]
     pub(super) fn splat(&self, place: usize, rgb: [f32; 3], gaussian: u32) -> Splat {
         Splat {
-            mean: self.mean.map(|column| column[place]),
-            falloff: self.falloff.map(|column| column[place]),
+            mean: [self.mean[0][place], self.mean[1][place]],
+            falloff: [self.falloff[0][place], self.falloff[1][place]],
             log2_opacity: self.log2_opacity[place],
             rgb,
             depth: self.depth[place],
@@ -193,8 +193,7 @@ impl Shapes {
 
     #[inline(always)]
     pub(super) fn bounds(&self, place: usize) -> Bounds {
-        let [columns, rows] =
-            [0, 1].map(|axis| [self.first[axis][place] as u32, self.last[axis][place] as u32]);
-        Bounds { rows, columns }
+        let of = |axis: usize| [self.first[axis][place] as u32, self.last[axis][place] as u32];
+        Bounds { columns: of(0), rows: of(1) }
     }
 }
