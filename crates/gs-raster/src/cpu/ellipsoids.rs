@@ -6,6 +6,7 @@ use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, Error, RenderSettings, Rende
 use crate::{StageSeconds, settings::INTERSECTIONS_MAX};
 use glam::{DVec2, DVec3};
 use gs_scene::{Camera, Gaussians, Image, sh_coefficients};
+use multiversion::multiversion;
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -13,6 +14,8 @@ use std::time::Instant;
 const CHUNK: usize = 4096;
 /// Share of the colour that a surface keeps which is seen edge-on.
 const AMBIENT: f64 = 0.3;
+/// σ².
+const SQUARE: f64 = (ELLIPSOID_SIGMA * ELLIPSOID_SIGMA) as f64;
 
 /// A Gaussian in the affine view in which its footprint is an ellipse: the covariance of (u, v, z) has the filtered footprint as
 /// that of (u, v). With e = du - shear dv and m = A e² + g dv², the front of the ellipsoid is at z-depth
@@ -48,17 +51,24 @@ pub(super) fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSe
         .map(|(geometry, sh)| project(&view, gaussians.sh_degree(), geometry, sh))
         .collect();
     let rejected = chunks.iter().map(|(_, rejected)| rejected).sum();
-    let ellipsoids: Vec<Ellipsoid> = chunks.into_iter().flat_map(|(ellipsoids, _)| ellipsoids).collect();
+    let ellipsoids = || chunks.iter().flat_map(|(ellipsoids, _)| ellipsoids);
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
-    let tiles = |ellipsoid: &Ellipsoid| -> u64 {
-        let [(left, right), (top, bottom)] =
-            [0, 1].map(|axis| ellipsoid.pixels(axis, [width, height][axis]).unwrap_or((1, 0)));
-        (right / TILE + 1).saturating_sub(left / TILE) as u64
-            * (bottom / TILE + 1).saturating_sub(top / TILE) as u64
-    };
-    let intersections = ellipsoids.iter().map(tiles).sum();
+    let mut intersections = 0;
+    let mut bands: Vec<Vec<&Ellipsoid>> = vec![Vec::new(); grid.rows];
+    for ellipsoid in ellipsoids() {
+        let [Some((left, right)), Some((top, bottom))] =
+            [ellipsoid.pixels(0, width), ellipsoid.pixels(1, height)]
+        else {
+            continue;
+        };
+        let rows = top / TILE..bottom / TILE + 1;
+        intersections += ((right / TILE + 1 - left / TILE) * rows.len()) as u64;
+        if intersections <= INTERSECTIONS_MAX {
+            bands[rows].iter_mut().for_each(|band| band.push(ellipsoid));
+        }
+    }
     if intersections > INTERSECTIONS_MAX {
         return Err(Error::TooManyIntersections { found: intersections, limit: INTERSECTIONS_MAX });
     }
@@ -71,13 +81,16 @@ pub(super) fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSe
         .data_mut()
         .par_chunks_mut(TILE * width * 3)
         .zip(depth.par_chunks_mut(TILE * width))
+        .zip(bands)
         .enumerate()
-        .take(grid.rows)
-        .for_each(|(band, (image, depth))| draw(&ellipsoids, &view, band * TILE, width, image, depth));
+        .for_each(|(row, ((image, depth), band))| {
+            let seen = nearest(&band, &view, row * TILE, [width, depth.len() / width]);
+            shade(&seen, &view, row * TILE, width, image, depth);
+        });
     let alpha = depth.iter().map(|&depth| if depth > 0.0 { 1.0 } else { 0.0 }).collect();
     seconds.blend = start.elapsed().as_secs_f64();
 
-    let stats = RenderStats { visible: ellipsoids.len(), rejected, intersections, seconds };
+    let stats = RenderStats { visible: ellipsoids().count(), rejected, intersections, seconds };
     Ok(Rendering { image, alpha, depth: settings.depth.then_some(depth), stats })
 }
 
@@ -150,8 +163,11 @@ impl Ellipsoid {
         let [u, v] = footprint.rows;
         let with = DVec2::new((u - v * shear).dot(along_z), v.dot(along_z));
         let slope = conic * with;
-        // What is left of the variance of z once the pixel is given; rounding must not make it negative.
-        let variance = (along_z.length_squared() - slope.dot(with)).max(0.0);
+        // What is left of z once the pixel is given, along the Gaussian's axes and those of the low-pass filter: as a sum of
+        // squares, because var z - slope · with cancels for flat Gaussians.
+        let rest = along_z - (u - v * shear) * slope.x - v * slope.y;
+        let filtered = DVec2::new(slope.x, slope.y - shear * slope.x);
+        let variance = rest.length_squared() + view.eps2d * filtered.length_squared();
         let centre = |axis: usize| view.focal[axis] * footprint.slope[axis] + view.centre[axis];
         Self {
             mean: DVec2::new(centre(0), centre(1)),
@@ -182,12 +198,35 @@ impl Ellipsoid {
         (first <= last).then_some((first as usize, last as usize))
     }
 
-    /// Brightness of a front whose slope in the image, times `rise`, is `slope`, lit by a lamp at the camera. `rise` is 0 at the
-    /// rim, where the slope is infinite.
-    fn lit(&self, view: &View, pixel: DVec2, slope: DVec2, rise: f64) -> f64 {
+    /// First and last pixel of a row, of which `dy` is the distance from the centre, whose centres the ellipse may hold, and what
+    /// the row leaves of σ².
+    #[inline(always)]
+    fn span(&self, dy: f64, width: usize) -> (usize, usize, f64) {
+        let rest = (SQUARE - self.conic.y * dy * dy).max(0.0);
+        let (middle, half_width) = (self.mean.x + self.shear * dy, (rest / self.conic.x).sqrt());
+        let first = (middle - half_width - 0.5).ceil().max(0.0);
+        let last = (middle + half_width - 0.5).floor().min((width - 1) as f64);
+        // Not empty if the end is beyond the first.
+        (first as usize, (last + 1.0).max(0.0) as usize, rest)
+    }
+
+    /// √(σ² - m), given what a row leaves of σ²; 0 where rounding takes a pixel beyond the rim.
+    #[inline(always)]
+    fn rise(&self, e: f64, rest: f64) -> f64 {
+        (rest - self.conic.x * e * e).max(0.0).sqrt()
+    }
+
+    /// Brightness of the front in a pixel, lit by a lamp at the camera.
+    fn lit(&self, view: &View, pixel: DVec2) -> f64 {
         let (focal, principal) = (DVec2::from(view.focal), DVec2::from(view.centre));
         let ray = ((pixel - principal) / focal).extend(1.0);
-        // The front's normal, from image coordinates and depth to camera axes by the transposed Jacobian at the centre.
+        let d = pixel - self.mean;
+        let place = DVec2::new(d.x - self.shear * d.y, d.y);
+        let rise = self.rise(place.x, SQUARE - self.conic.y * d.y * d.y);
+        // The front's slope in the image, times `rise`, which is 0 at the rim, where the slope is infinite.
+        let by = self.slope * rise + self.sigma_z * self.conic * place;
+        let slope = DVec2::new(by.x, by.y - self.shear * by.x);
+        // Its normal, from image coordinates and depth to camera axes by the transposed Jacobian at the centre.
         let across = slope * focal / self.z;
         let normal = (-across).extend(rise + across.dot((self.mean - principal) / focal));
         let cosine = normal.dot(ray).abs() / (normal.length() * ray.length()).max(f64::MIN_POSITIVE);
@@ -195,44 +234,57 @@ impl Ellipsoid {
     }
 }
 
-/// Draws the rows of a picture from `top` on; `depth` is 0 where nothing was drawn yet.
-fn draw(
-    ellipsoids: &[Ellipsoid],
+/// The front that is seen in each pixel of some rows from `top` on: z-depth, and of which ellipsoid.
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn nearest<'a>(
+    band: &[&'a Ellipsoid],
+    view: &View,
+    top: usize,
+    [width, rows]: [usize; 2],
+) -> Vec<(f64, Option<&'a Ellipsoid>)> {
+    // Depths of 0 mark pixels in which nothing is drawn.
+    let near = view.near.max(f64::from(f32::MIN_POSITIVE));
+    let mut seen = vec![(view.far, None::<&Ellipsoid>); width * rows];
+    for &ellipsoid in band {
+        let Some((first, last)) = ellipsoid.pixels(1, top + rows) else { continue };
+        for row in first.max(top)..=last {
+            let dy = row as f64 + 0.5 - ellipsoid.mean.y;
+            let (first, end, rest) = ellipsoid.span(dy, width);
+            // At e = 0.
+            let (middle, along) =
+                (ellipsoid.mean.x + ellipsoid.shear * dy, ellipsoid.z + ellipsoid.slope.y * dy);
+            for column in first..end {
+                let e = column as f64 + 0.5 - middle;
+                let front = along + ellipsoid.slope.x * e - ellipsoid.sigma_z * ellipsoid.rise(e, rest);
+                let (depth, other) = &mut seen[(row - top) * width + column];
+                // Equal fronts: the nearer centre, then the first of the scene.
+                let before =
+                    front < *depth || front == *depth && other.is_some_and(|other| ellipsoid.z < other.z);
+                if front > near && before {
+                    (*depth, *other) = (front, Some(ellipsoid));
+                }
+            }
+        }
+    }
+    seen
+}
+
+/// Writes what is seen in the rows from `top` on.
+fn shade(
+    seen: &[(f64, Option<&Ellipsoid>)],
     view: &View,
     top: usize,
     width: usize,
     image: &mut [f32],
     depth: &mut [f32],
 ) {
-    let rows = depth.len() / width;
-    let square = f64::from(ELLIPSOID_SIGMA * ELLIPSOID_SIGMA);
-    for ellipsoid in ellipsoids {
-        let Some((first, last)) = ellipsoid.pixels(1, top + rows) else { continue };
-        let Some((left, right)) = ellipsoid.pixels(0, width) else { continue };
-        for row in first.max(top)..=last {
-            for column in left..=right {
-                let pixel = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
-                let d = pixel - ellipsoid.mean;
-                let place = DVec2::new(d.x - ellipsoid.shear * d.y, d.y);
-                let rest = square - ellipsoid.conic.dot(place * place);
-                if rest < 0.0 {
-                    continue;
-                }
-                let rise = rest.sqrt();
-                let front = ellipsoid.z + ellipsoid.slope.dot(place) - ellipsoid.sigma_z * rise;
-                let at = (row - top) * width + column;
-                let nearest = if depth[at] > 0.0 { f64::from(depth[at]) } else { view.far };
-                // Compared as f32, in which depth is kept: of equal fronts the first.
-                if !(front > view.near && (front as f32) < nearest as f32) {
-                    continue;
-                }
-                depth[at] = front as f32;
-                let by = ellipsoid.slope * rise + ellipsoid.sigma_z * ellipsoid.conic * place;
-                let slope = DVec2::new(by.x, by.y - ellipsoid.shear * by.x);
-                let light = ellipsoid.lit(view, pixel, slope, rise) as f32;
-                for (channel, rgb) in image[at * 3..at * 3 + 3].iter_mut().zip(ellipsoid.rgb) {
-                    *channel = rgb * light;
-                }
+    for (at, (&(front, ellipsoid), depth)) in seen.iter().zip(depth).enumerate() {
+        if let Some(ellipsoid) = ellipsoid {
+            let pixel = DVec2::new((at % width) as f64, (top + at / width) as f64) + 0.5;
+            let light = ellipsoid.lit(view, pixel) as f32;
+            *depth = front as f32;
+            for (channel, rgb) in image[at * 3..at * 3 + 3].iter_mut().zip(ellipsoid.rgb) {
+                *channel = rgb * light;
             }
         }
     }

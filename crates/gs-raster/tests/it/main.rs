@@ -2,6 +2,7 @@
 
 mod backward;
 mod check;
+mod ellipsoids;
 mod fixtures;
 mod golden;
 #[cfg(feature = "gpu")]

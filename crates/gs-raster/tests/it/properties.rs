@@ -17,7 +17,7 @@ fn bits(view: &Rendering) -> Vec<u32> {
 }
 
 /// The scene with its Gaussians in another order.
-fn permuted(scene: &Gaussians, order: &[usize]) -> Gaussians {
+pub(crate) fn permuted(scene: &Gaussians, order: &[usize]) -> Gaussians {
     let k = gs_scene::sh_coefficients(scene.sh_degree()) * 3;
     let rows = |buffer: &[f32], row: usize| -> Vec<f32> {
         order.iter().flat_map(|&i| buffer[i * row..(i + 1) * row].to_vec()).collect()

@@ -76,17 +76,15 @@ pub fn render_ellipsoids(
             let nearest = seen.map_or(profile.far, |place| fronts[place].depth);
 
             // What is seen would have to fail one condition, anything else to meet all that it fails.
-            let mut margin = f64::INFINITY;
-            for place in 0..fronts.len() {
-                let conditions = conditions(place);
-                let distance = if Some(place) == seen {
-                    conditions.into_iter().fold((profile.far - nearest) / nearest, f64::min)
+            let distance = |place: usize| {
+                let conditions = conditions(place).into_iter();
+                if Some(place) == seen {
+                    conditions.fold((profile.far - nearest) / nearest, f64::min)
                 } else {
-                    let behind = (nearest - fronts[place].depth) / nearest;
-                    -conditions.into_iter().fold(behind, f64::min)
-                };
-                margin = margin.min(distance);
-            }
+                    -conditions.fold((nearest - fronts[place].depth) / nearest, f64::min)
+                }
+            };
+            let margin = (0..fronts.len()).map(distance).fold(f64::INFINITY, f64::min);
             out.image.extend(seen.map_or(background, |place| {
                 let lit = ellipsoids[place].lit(&fronts[place], pixel, camera);
                 ellipsoids[place].projected.rgb.map(|channel| channel * lit)
