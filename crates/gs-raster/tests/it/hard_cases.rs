@@ -185,7 +185,11 @@ fn crowds() -> Vec<HardCase> {
         })
         .collect();
     vec![
-        drawn("1000 saturated in a stack", "two are drawn, the rest lies behind the stop", stack(1000, 1e4)),
+        drawn(
+            "1000 saturated in a stack",
+            "the nearest are drawn, the rest lies behind the stop",
+            stack(1000, 1e4),
+        ),
         drawn("1000 faint in a stack", "drawn until the stop", stack(1000, -2.0)),
         drawn("60 at one depth", "in the order of the scene", of_rows(&ties)),
         drawn("camera inside of Gaussians", "those between near and far are drawn", of_rows(&around)),
@@ -296,7 +300,7 @@ fn golden() -> Vec<HardCase> {
         ("e01_aniso1e4", "drawn"),
         ("e02_needle_long", "drawn"),
         ("e03_quat_norms", "drawn"),
-        ("e04_near_frustum", "8 of 23 are culled"),
+        ("e04_near_frustum", "the near plane culls 8 of 23"),
         ("e05_stack300", "drawn until the stop"),
         ("e06_stack300_saturated", "the second one stands on the stop and is not drawn"),
         ("e07_tiny_huge", "drawn; some under 1/255 are not"),
