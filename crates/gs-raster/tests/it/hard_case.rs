@@ -2,10 +2,11 @@
 
 use crate::check::{Row, settings};
 use crate::losses::{Compared, compare_gradients, pixels};
-use gs_raster::{Rasterizer, RenderStats};
-use gs_reference::tolerance::{AMBIGUOUS, f32_bound};
+use glam::DVec4;
+use gs_raster::{Gradients, Rasterizer, RenderStats};
+use gs_reference::tolerance::{AMBIGUOUS, F32_ABSOLUTE, F32_WITHOUT_FLOOR, f32_bound};
 use gs_reference::{Profile, compare, project};
-use gs_scene::{Camera, Gaussians};
+use gs_scene::{Camera, Gaussians, QUATERNION};
 
 const BACKGROUND: [f32; 3] = [0.1, 0.2, 0.3];
 
@@ -32,6 +33,8 @@ pub(crate) struct Found {
     pub(crate) has_gradient: bool,
     /// Whether the gradients of what the reference does not project are exactly 0.
     pub(crate) culled_have_none: bool,
+    /// Largest share of a quaternion's gradient that lies along the quaternion, which changes nothing.
+    pub(crate) along_quaternion: f64,
     /// The pictures, first the image, each with its bound.
     pub(crate) pictures: Vec<Row>,
     /// The gradients by each variable.
@@ -71,6 +74,9 @@ impl HardCase {
         };
         Found {
             stats: view.stats,
+            along_quaternion: (0..scene.len())
+                .map(|i| along_quaternion(scene, &found, i))
+                .fold(0.0, f64::max),
             pictures: pictures.collect(),
             gradients: gradients.into_iter().map(Compared::row).collect(),
             has_gradient: found.geometry.iter().chain(&found.sh).any(|&value| value != 0.0),
@@ -97,6 +103,20 @@ impl HardCase {
         if !found.culled_have_none {
             complaints.push("what is not drawn has a gradient".to_owned());
         }
+        if found.along_quaternion > F32_WITHOUT_FLOOR {
+            complaints.push(format!("{} of a gradient lies along its quaternion", found.along_quaternion));
+        }
         complaints
     }
+}
+
+/// Share of the gradient of quaternion `i` that lies along it; 0 if there is no gradient but rounding.
+fn along_quaternion(scene: &Gaussians, found: &Gradients, i: usize) -> f64 {
+    let of = |geometry: &[f32]| {
+        let q = &geometry[i * Gaussians::GEOMETRY..][QUATERNION];
+        DVec4::new(q[0].into(), q[1].into(), q[2].into(), q[3].into())
+    };
+    let (q, grad) = (of(scene.geometry()), of(&found.geometry));
+    let is_told = grad.length() * q.length() > F32_ABSOLUTE;
+    if is_told { (q.normalize().dot(grad) / grad.length()).abs() } else { 0.0 }
 }
