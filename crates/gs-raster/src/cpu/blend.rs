@@ -1,4 +1,5 @@
-//! Near-to-far compositing of a tile's splats, some pixels of a row at a time.
+//! Near-to-far compositing of a tile's splats, a patch of 4×4 pixels at a time: of most splats it takes fewer patches
+//! than rows to cover them.
 //!
 //! The loops over lanes have a fixed length and no branches, so that the compiler turns them into vector
 //! instructions; the function around them is compiled for several instruction sets and chosen at run time.
@@ -12,11 +13,21 @@ use multiversion::{multiversion, target::target_cfg_f};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Pixels of a tile.
-pub(super) const PIXELS: usize = TILE * TILE;
+/// Side of a patch, pixels; and how many are in a row of a tile.
+pub(super) const SIDE: usize = 4;
+/// Pixels of a patch.
+pub(super) const LANES: usize = SIDE * SIDE;
+/// Patches of a tile.
+pub(super) const PATCHES: usize = TILE * TILE / LANES;
 
-/// One number per pixel of a tile, rows of [`TILE`].
-pub(super) type Plane<T = f32> = [T; PIXELS];
+/// One number per pixel of a tile, patch by patch.
+pub(super) type Plane<T = f32> = [[T; LANES]; PATCHES];
+
+/// Patch and lane of a pixel of a tile.
+#[inline(always)]
+pub(super) fn patch(x: usize, y: usize) -> (usize, usize) {
+    (y / SIDE * SIDE + x / SIDE, y % SIDE * SIDE + x % SIDE)
+}
 
 /// The pixels of a tile while splats are added.
 #[repr(align(64))]
@@ -107,15 +118,17 @@ pub(super) fn blend(
                 .collect();
             for (y, alpha) in alpha.chunks_exact_mut(grid.width).enumerate() {
                 for (x, alpha) in alpha.iter_mut().enumerate() {
-                    let (tile, pixel, at) = (&tiles[x / TILE], y * TILE + x % TILE, y * grid.width + x);
-                    let transmittance = tile.trace.transmittance[pixel].abs();
+                    let (tile, at) = (&tiles[x / TILE], y * grid.width + x);
+                    let (patch, lane) = patch(x % TILE, y);
+                    let transmittance = tile.trace.transmittance[patch][lane].abs();
                     *alpha = 1.0 - transmittance;
                     for channel in 0..3 {
                         image[at * 3 + channel] =
-                            tile.rgb[channel][pixel] + transmittance * settings.background[channel];
+                            tile.rgb[channel][patch][lane] + transmittance * settings.background[channel];
                     }
-                    if let Some(depth) = depth.get_mut(at).filter(|_| tile.trace.weight[pixel] > 0.0) {
-                        *depth = tile.trace.nearest + tile.trace.depth[pixel] / tile.trace.weight[pixel];
+                    let weight = tile.trace.weight[patch][lane];
+                    if let Some(depth) = depth.get_mut(at).filter(|_| weight > 0.0) {
+                        *depth = tile.trace.nearest + tile.trace.depth[patch][lane] / weight;
                     }
                 }
             }
@@ -129,19 +142,20 @@ impl Tile {
     /// A tile before the first splat; pixels beyond the image's edge count as done.
     fn new(grid: Grid, column: usize, row: usize) -> Box<Self> {
         let mut tile = Box::new(Self {
-            rgb: [[0.0; PIXELS]; 3],
+            rgb: [[[0.0; LANES]; PATCHES]; 3],
             trace: Trace {
-                transmittance: [-1.0; PIXELS],
-                last: [0; PIXELS],
-                weight: [0.0; PIXELS],
-                depth: [0.0; PIXELS],
+                transmittance: [[-1.0; LANES]; PATCHES],
+                last: [[0; LANES]; PATCHES],
+                weight: [[0.0; LANES]; PATCHES],
+                depth: [[0.0; LANES]; PATCHES],
                 nearest: 0.0,
             },
         });
-        let width = TILE.min(grid.width - column * TILE);
-        let height = TILE.min(grid.height - row * TILE);
-        for row in tile.trace.transmittance.chunks_exact_mut(TILE).take(height) {
-            row[..width].fill(1.0);
+        for y in 0..TILE.min(grid.height - row * TILE) {
+            for x in 0..TILE.min(grid.width - column * TILE) {
+                let (patch, lane) = patch(x, y);
+                tile.trace.transmittance[patch][lane] = 1.0;
+            }
         }
         tile
     }
@@ -155,21 +169,19 @@ pub(super) struct Local {
     falloff: [f32; 2],
     shear: f32,
     log2_opacity: f32,
-    /// Rows that the ellipse may touch.
+    /// Rows and columns of patches that the ellipse may touch.
     pub(super) rows: Range<usize>,
-    /// Steps of L pixels in a row that it may touch; finer tests cost more than they save.
-    pub(super) steps: Range<usize>,
+    pub(super) columns: Range<usize>,
 }
 
-/// A splat in a row of a tile.
-#[derive(Clone, Copy)]
+/// A splat in a row of patches.
 pub(super) struct Row {
-    /// Distance of the row from the centre, pixels.
-    pub(super) dy: f32,
-    /// The middle of the ellipse in the row.
-    middle: f32,
+    /// Distance of the pixels from the centre, pixels.
+    pub(super) dy: [f32; LANES],
+    /// The middle of the ellipse's row through the pixels.
+    middle: [f32; LANES],
     /// log₂ of the opacity there.
-    log2_alpha: f32,
+    log2_alpha: [f32; LANES],
     falloff: f32,
 }
 
@@ -187,45 +199,49 @@ pub(super) struct Touch {
 
 impl Local {
     #[inline(always)]
-    pub(super) fn new<const L: usize>(splat: &Splat, origin: [u32; 2]) -> Self {
+    pub(super) fn new(splat: &Splat, origin: [u32; 2]) -> Self {
         let x = (splat.mean[0] - f64::from(origin[0])) as f32;
         let y = (splat.mean[1] - f64::from(origin[1])) as f32;
         let [top, bottom] = splat.rows;
-        let first = top.saturating_sub(origin[1]);
-        let end = (bottom + 1 - origin[1]).min(TILE as u32);
-        // The centres of the last pixel of the left half and of the first of the right half.
-        let half = L as f32;
-        let halves = L < TILE;
-        let first_step = usize::from(halves & (x - splat.half_width > half - 0.5));
-        let end_step = if halves & (x + splat.half_width >= half + 0.5) { 2 } else { 1 };
+        let first = top.saturating_sub(origin[1]) as usize;
+        let last = (bottom - origin[1]).min(TILE as u32 - 1) as usize;
+        // The columns lie in the tile: casts to i32 are single instructions.
+        let left = (x - splat.half_width - 0.5).ceil().max(0.0).min(TILE as f32) as i32 as usize;
+        let right = (x + splat.half_width + 0.5).floor().max(0.0).min(TILE as f32) as i32 as usize;
         Self {
             x,
             y,
             falloff: splat.falloff,
             shear: splat.shear,
             log2_opacity: splat.log2_opacity,
-            rows: first as usize..end as usize,
-            steps: first_step..end_step,
+            rows: first / SIDE..last / SIDE + 1,
+            columns: left / SIDE..right.div_ceil(SIDE),
         }
     }
 
     #[inline(always)]
     pub(super) fn row(&self, row: usize) -> Row {
-        let dy = row as f32 + 0.5 - self.y;
-        Row {
-            dy,
-            middle: self.x + self.shear * dy,
-            log2_alpha: self.falloff[1] * dy * dy + self.log2_opacity,
+        let mut found = Row {
+            dy: [0.0; LANES],
+            middle: [0.0; LANES],
+            log2_alpha: [0.0; LANES],
             falloff: self.falloff[0],
+        };
+        for lane in 0..LANES {
+            let dy = (row * SIDE + lane / SIDE) as f32 + 0.5 - self.y;
+            found.dy[lane] = dy;
+            found.middle[lane] = self.x + self.shear * dy;
+            found.log2_alpha[lane] = self.falloff[1] * dy * dy + self.log2_opacity;
         }
+        found
     }
 }
 
 impl Row {
     #[inline(always)]
-    pub(super) fn touch<const FMA: bool>(&self, x: f32, limits: Limits) -> Touch {
-        let dx = x - self.middle;
-        let log2_alpha = mul_add::<FMA>(self.falloff * dx, dx, self.log2_alpha);
+    pub(super) fn touch<const FMA: bool>(&self, column: usize, lane: usize, limits: Limits) -> Touch {
+        let dx = (column * SIDE + lane % SIDE) as f32 + 0.5 - self.middle[lane];
+        let log2_alpha = mul_add::<FMA>(self.falloff * dx, dx, self.log2_alpha[lane]);
         let alpha = exp2::<FMA>(log2_alpha);
         Touch {
             dx,
@@ -249,17 +265,15 @@ fn blend_tile<const DEPTH: bool, const RECORD: bool>(
     index: usize,
     limits: Limits,
 ) {
-    if target_cfg_f!(target_feature = "avx512f") {
-        blend_tile_with::<DEPTH, RECORD, true, 16>(tile, lists, index, limits);
-    } else if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
-        blend_tile_with::<DEPTH, RECORD, true, 8>(tile, lists, index, limits);
+    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
+        blend_tile_with::<DEPTH, RECORD, true>(tile, lists, index, limits);
     } else {
-        blend_tile_with::<DEPTH, RECORD, false, 8>(tile, lists, index, limits);
+        blend_tile_with::<DEPTH, RECORD, false>(tile, lists, index, limits);
     }
 }
 
 #[inline(always)]
-fn blend_tile_with<const DEPTH: bool, const RECORD: bool, const FMA: bool, const L: usize>(
+fn blend_tile_with<const DEPTH: bool, const RECORD: bool, const FMA: bool>(
     tile: &mut Tile,
     lists: Lists,
     index: usize,
@@ -270,7 +284,7 @@ fn blend_tile_with<const DEPTH: bool, const RECORD: bool, const FMA: bool, const
     let mut place = 0u32;
     let mut batch = [Splat::NONE; BATCH];
     for indices in lists.bins.pieces(index).flat_map(|piece| piece.chunks(BATCH)) {
-        if trace.transmittance.iter().all(|&t| t <= 0.0) {
+        if trace.transmittance.iter().flatten().all(|&t| t <= 0.0) {
             return;
         }
         for splat in lists.splats.fetch(indices, &mut batch) {
@@ -278,17 +292,16 @@ fn blend_tile_with<const DEPTH: bool, const RECORD: bool, const FMA: bool, const
             if place == 1 {
                 trace.nearest = splat.depth;
             }
-            let local = Local::new::<L>(splat, origin);
+            let local = Local::new(splat, origin);
             for y in local.rows.clone() {
                 let row = local.row(y);
-                for step in local.steps.clone() {
-                    let at = y * TILE + step * L;
-                    let centres = centres::<L>(step);
-                    let mut weight = [0.0; L];
-                    let transmittance = lanes::<_, L>(&mut trace.transmittance, at);
-                    let last = lanes::<_, L>(&mut trace.last, at);
-                    for lane in 0..L {
-                        let touch = row.touch::<FMA>(centres[lane], limits);
+                for x in local.columns.clone() {
+                    let patch = y * SIDE + x;
+                    let mut weight = [0.0; LANES];
+                    let transmittance = &mut trace.transmittance[patch];
+                    let last = &mut trace.last[patch];
+                    for lane in 0..LANES {
+                        let touch = row.touch::<FMA>(x, lane, limits);
                         let before = transmittance[lane];
                         let seen = touch.is_seen & (before > 0.0);
                         let stops = before * (1.0 - touch.alpha) < limits.transmittance_min;
@@ -301,12 +314,12 @@ fn blend_tile_with<const DEPTH: bool, const RECORD: bool, const FMA: bool, const
                         }
                     }
                     for (channel, &colour) in rgb.iter_mut().zip(&splat.rgb) {
-                        accumulate::<FMA, L>(lanes(channel, at), &weight, colour);
+                        accumulate::<FMA>(&mut channel[patch], &weight, colour);
                     }
                     if DEPTH {
-                        accumulate::<FMA, L>(lanes(&mut trace.weight, at), &weight, 1.0);
+                        accumulate::<FMA>(&mut trace.weight[patch], &weight, 1.0);
                         let depth = splat.depth - trace.nearest;
-                        accumulate::<FMA, L>(lanes(&mut trace.depth, at), &weight, depth);
+                        accumulate::<FMA>(&mut trace.depth[patch], &weight, depth);
                     }
                 }
             }
@@ -314,20 +327,8 @@ fn blend_tile_with<const DEPTH: bool, const RECORD: bool, const FMA: bool, const
     }
 }
 
-/// The centres of the pixels of a step.
 #[inline(always)]
-pub(super) fn centres<const L: usize>(step: usize) -> [f32; L] {
-    std::array::from_fn(|lane| (step * L + lane) as f32 + 0.5)
-}
-
-#[inline(always)]
-pub(super) fn lanes<T, const L: usize>(plane: &mut Plane<T>, at: usize) -> &mut [T; L] {
-    let slice = &mut plane[at..at + L];
-    slice.try_into().expect("a slice of L numbers")
-}
-
-#[inline(always)]
-fn accumulate<const FMA: bool, const L: usize>(sum: &mut [f32; L], weight: &[f32; L], value: f32) {
+fn accumulate<const FMA: bool>(sum: &mut [f32; LANES], weight: &[f32; LANES], value: f32) {
     for (sum, weight) in sum.iter_mut().zip(weight) {
         *sum = mul_add::<FMA>(*weight, value, *sum);
     }

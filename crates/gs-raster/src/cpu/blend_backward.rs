@@ -6,7 +6,7 @@
 //! 1 - α at each step, the very number it was multiplied by.
 
 use super::bin::{Places, chunk_size};
-use super::blend::{Limits, Lists, Local, PIXELS, Plane, Trace, centres, lanes, origin};
+use super::blend::{LANES, Limits, Lists, Local, PATCHES, Plane, SIDE, Trace, origin, patch};
 use super::math::mul_add;
 use super::project::{BATCH, Splat};
 use super::{Grid, TILE};
@@ -120,12 +120,12 @@ impl Tile {
         unit: f64,
     ) -> Box<Self> {
         let mut tile = Box::new(Self {
-            rgb: [[0.0; PIXELS]; 3],
-            depth: [0.0; PIXELS],
-            expected: [0.0; PIXELS],
+            rgb: [[[0.0; LANES]; PATCHES]; 3],
+            depth: [[0.0; LANES]; PATCHES],
+            expected: [[0.0; LANES]; PATCHES],
             nearest: trace.nearest,
-            transmittance: trace.transmittance.map(f32::abs),
-            behind: [0.0; PIXELS],
+            transmittance: trace.transmittance.map(|patch| patch.map(f32::abs)),
+            behind: [[0.0; LANES]; PATCHES],
             last: trace.last,
             background: [0.0; 3],
         });
@@ -134,24 +134,24 @@ impl Tile {
         let (column, row) = (index % grid.columns * TILE, index / grid.columns * TILE);
         for y in row..grid.height.min(row + TILE) {
             for x in column..grid.width.min(column + TILE) {
-                let (pixel, at) = ((y - row) * TILE + x - column, y * grid.width + x);
-                let transmittance = tile.transmittance[pixel];
+                let ((patch, lane), at) = (patch(x - column, y - row), y * grid.width + x);
+                let transmittance = tile.transmittance[patch][lane];
                 let mut behind = 0.0;
                 for channel in 0..3 {
                     let gradient = scaled(pixels.image[at * 3 + channel]);
-                    tile.rgb[channel][pixel] = gradient;
+                    tile.rgb[channel][patch][lane] = gradient;
                     behind += gradient * settings.background[channel];
                     tile.background[channel] += f64::from(gradient) * f64::from(transmittance);
                 }
                 if let Some(alpha) = &pixels.alpha {
                     behind -= scaled(alpha[at]);
                 }
-                tile.behind[pixel] = behind;
+                tile.behind[patch][lane] = behind;
                 if let Some(depth) = &pixels.depth
-                    && trace.weight[pixel] > 0.0
+                    && trace.weight[patch][lane] > 0.0
                 {
-                    tile.depth[pixel] = scaled(depth[at]) / trace.weight[pixel];
-                    tile.expected[pixel] = trace.depth[pixel] / trace.weight[pixel];
+                    tile.depth[patch][lane] = scaled(depth[at]) / trace.weight[patch][lane];
+                    tile.expected[patch][lane] = trace.depth[patch][lane] / trace.weight[patch][lane];
                 }
             }
         }
@@ -168,17 +168,15 @@ fn blend_tile<const DEPTH: bool>(
     index: usize,
     limits: Limits,
 ) {
-    if target_cfg_f!(target_feature = "avx512f") {
-        blend_tile_with::<DEPTH, true, 16>(tile, moments, lists, index, limits);
-    } else if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
-        blend_tile_with::<DEPTH, true, 8>(tile, moments, lists, index, limits);
+    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
+        blend_tile_with::<DEPTH, true>(tile, moments, lists, index, limits);
     } else {
-        blend_tile_with::<DEPTH, false, 8>(tile, moments, lists, index, limits);
+        blend_tile_with::<DEPTH, false>(tile, moments, lists, index, limits);
     }
 }
 
 #[inline(always)]
-fn blend_tile_with<const DEPTH: bool, const FMA: bool, const L: usize>(
+fn blend_tile_with<const DEPTH: bool, const FMA: bool>(
     tile: &mut Tile,
     moments: &mut [Moments],
     lists: Lists,
@@ -186,7 +184,7 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool, const L: usize>(
     limits: Limits,
 ) {
     let origin = origin(lists.grid, index);
-    let deepest = tile.last.iter().copied().fold(0, u32::max);
+    let deepest = tile.last.iter().flatten().copied().fold(0, u32::max);
     let mut place = moments.len() as u32 + 1;
     let mut batch = [Splat::NONE; BATCH];
     for indices in lists.bins.pieces(index).rev().flat_map(|piece| piece.rchunks(BATCH)) {
@@ -199,21 +197,19 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool, const L: usize>(
             if place > deepest {
                 continue;
             }
-            let local = Local::new::<L>(splat, origin);
-            let mut sums = [[0.0; L]; MOMENTS];
+            let local = Local::new(splat, origin);
+            let mut sums = [[0.0; LANES]; MOMENTS];
             for y in local.rows.clone() {
                 let row = local.row(y);
-                for step in local.steps.clone() {
-                    let at = y * TILE + step * L;
-                    let centres = centres::<L>(step);
-                    let rgb = [0, 1, 2].map(|channel| *lanes::<_, L>(&mut tile.rgb[channel], at));
-                    let depth = *lanes::<_, L>(&mut tile.depth, at);
-                    let expected = *lanes::<_, L>(&mut tile.expected, at);
-                    let last = *lanes::<_, L>(&mut tile.last, at);
-                    let transmittance = lanes::<_, L>(&mut tile.transmittance, at);
-                    let behind = lanes::<_, L>(&mut tile.behind, at);
-                    for lane in 0..L {
-                        let touch = row.touch::<FMA>(centres[lane], limits);
+                for x in local.columns.clone() {
+                    let patch = y * SIDE + x;
+                    let rgb = [&tile.rgb[0][patch], &tile.rgb[1][patch], &tile.rgb[2][patch]];
+                    let (depth, expected) = (&tile.depth[patch], &tile.expected[patch]);
+                    let last = &tile.last[patch];
+                    let transmittance = &mut tile.transmittance[patch];
+                    let behind = &mut tile.behind[patch];
+                    for lane in 0..LANES {
+                        let touch = row.touch::<FMA>(x, lane, limits);
                         let drawn = touch.is_seen & (place <= last[lane]);
                         let alpha = touch.alpha;
                         let before = transmittance[lane] / (1.0 - alpha);
@@ -230,7 +226,7 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool, const L: usize>(
                         behind[lane] = mul_add::<FMA>(if drawn { alpha } else { 0.0 }, nearer, behind[lane]);
                         transmittance[lane] = if drawn { before } else { transmittance[lane] };
 
-                        let (dx, dy) = (touch.dx, row.dy);
+                        let (dx, dy) = (touch.dx, row.dy[lane]);
                         let (s_dx, s_dy) = (s * dx, s * dy);
                         sums[0][lane] += s;
                         sums[1][lane] += s_dx;
@@ -257,8 +253,8 @@ fn blend_tile_with<const DEPTH: bool, const FMA: bool, const L: usize>(
 
 /// The sum of all lanes, in pairs.
 #[inline(always)]
-fn total<const L: usize>(mut lanes: [f32; L]) -> f32 {
-    let mut half = L / 2;
+fn total(mut lanes: [f32; LANES]) -> f32 {
+    let mut half = LANES / 2;
     while half > 0 {
         for lane in 0..half {
             lanes[lane] += lanes[lane + half];
