@@ -4,7 +4,9 @@ mod cases;
 
 use crate::check::settings;
 use crate::scenes::{camera, gaussians};
-use cases::{CASES, what_is_barely_a_gaussian_is_where_it_should_be};
+use cases::{
+    CASES, of_equal_fronts_that_of_the_nearer_centre_is_seen, what_is_barely_a_gaussian_is_where_it_should_be,
+};
 use glam::{DMat3, DVec3};
 use gs_raster::{
     ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, Error, Rasterizer, RenderSettings, Rendering, Style,
@@ -129,6 +131,7 @@ mod on_the_cpu {
     #[test]
     fn cases() {
         CASES.iter().for_each(|case| case(&mut Rasterizer::cpu()));
+        of_equal_fronts_that_of_the_nearer_centre_is_seen(&mut Rasterizer::cpu());
     }
 
     #[test]

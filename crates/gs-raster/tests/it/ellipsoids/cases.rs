@@ -76,6 +76,26 @@ fn of_equal_ones_the_first_is_seen(rasterizer: &mut Rasterizer) {
     }
 }
 
+/// Where a ball and a disc before its centre have the same depth, to the last bit. Not of a GPU, which may round otherwise.
+pub(super) fn of_equal_fronts_that_of_the_nearer_centre_is_seen(cpu: &mut Rasterizer) {
+    let row = |z: f32, scale: [f32; 3]| -> [f32; 11] {
+        [0.0, 0.0, z, 1.0, 0.0, 0.0, 0.0, scale[0], scale[1], scale[2], 1.0]
+    };
+    let ball = (row(3.0, [0.0; 3]), dc_from_rgb([0.9, 0.1, 0.1]));
+    let disc = (row(2.0, [-1.0, -1.0, -200.0]), dc_from_rgb([0.1, 0.9, 0.1]));
+    for [first, second] in [[ball, disc], [disc, ball]] {
+        let scene = Gaussians::new(0, [first.0, second.0].concat(), [first.1, second.1].concat());
+        let view = draw(cpu, &scene.expect("valid"), &lens(), &Profile::default());
+        let at = 15 * LENS.width + 20;
+        assert_eq!(view.depth.expect("asked for")[at], 2.0);
+        assert!(
+            (view.image.data()[3 * at + 1] - 0.9).abs() < 1e-6,
+            "{:?}",
+            &view.image.data()[3 * at..][..3]
+        );
+    }
+}
+
 fn what_is_fainter_than_the_limit_is_not_drawn(rasterizer: &mut Rasterizer) {
     let limit = f64::from(ELLIPSOID_OPACITY_MIN);
     let logit = (limit / (1.0 - limit)).ln() as f32;
