@@ -150,7 +150,7 @@ fn shapes() -> Vec<HardCase> {
     let antialias = Profile { antialias: true, ..Profile::default() };
     vec![
         drawn("needles 1 : 1e4, across", "drawn", of_rows(&needles(-0.5, -9.7))),
-        drawn("needles 1 : 1e6, 3e4 px long", "drawn", of_rows(&needles(7.0, -6.8))),
+        drawn("needles 1 : 1e5, σ of 1600 px", "drawn", of_rows(&needles(4.7, -6.8))),
         drawn("discs 1e4 : 1, edge-on and not", "drawn", of_rows(&needles(-9.7, -0.5))),
         drawn("scales under 1e-3 px", "the low-pass filter's spot", apart.clone()),
         HardCase {
