@@ -135,7 +135,6 @@ pub(crate) fn backward(
     tape: &Tape,
     pixels: &PixelGradients,
     gradients: &mut Gradients,
-    _scratch: &mut Scratch,
 ) -> PoseGradient {
     let grid = Grid::new(camera.width(), camera.height());
     let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid };

@@ -14,5 +14,5 @@ pub mod gpu;
 pub use error::{Error, Result};
 pub use gradients::{Gradients, PixelGradients, PoseGradient};
 pub use rasterizer::{Device, Rasterizer, Tape};
-pub use render::{RenderStats, Rendering, StageSeconds, TILE, render};
+pub use render::{RenderStats, Rendering, StageSeconds, TILE};
 pub use settings::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, Style};

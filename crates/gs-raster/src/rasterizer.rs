@@ -204,17 +204,9 @@ impl Rasterizer {
         }
         let mut gradients = Gradients::zero(gaussians);
         match (&mut self.backend, &tape.views) {
-            (Backend::Cpu(scratch), Views::Cpu(views)) => {
+            (Backend::Cpu(_), Views::Cpu(views)) => {
                 for ((view, camera), pixels) in views.iter().zip(&tape.cameras).zip(pixels) {
-                    let pose = cpu::backward(
-                        gaussians,
-                        camera,
-                        &tape.settings,
-                        view,
-                        pixels,
-                        &mut gradients,
-                        scratch,
-                    );
+                    let pose = cpu::backward(gaussians, camera, &tape.settings, view, pixels, &mut gradients);
                     gradients.poses.push(pose);
                 }
             }

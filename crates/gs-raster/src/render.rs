@@ -1,5 +1,4 @@
-use crate::{RenderSettings, Result, cpu};
-use gs_scene::{Camera, Gaussians, Image};
+use gs_scene::Image;
 use serde::Serialize;
 
 /// A rendered view.
@@ -7,10 +6,11 @@ use serde::Serialize;
 pub struct Rendering {
     /// Colour over the background, not clipped.
     pub image: Image,
-    /// Opacity `[height, width]`: 1 minus the transmittance that is left.
+    /// Opacity `[height, width]`: 1 minus the transmittance that is left. Of ellipsoids, 1 where there is one.
     pub alpha: Vec<f32>,
     /// Expected z-depth `[height, width]`, scene units: Σ w z / Σ w over the Gaussians drawn in a pixel, 0 where
-    /// there are none. Only when [`RenderSettings::depth`] asks for it.
+    /// there are none; of ellipsoids, that of the front. Only when [`RenderSettings::depth`](crate::RenderSettings::depth)
+    /// asks for it.
     pub depth: Option<Vec<f32>>,
     /// What was drawn, and the time it took.
     pub stats: RenderStats,
@@ -22,12 +22,13 @@ pub const TILE: usize = 16;
 /// Counts and times of one rendering.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct RenderStats {
-    /// Gaussians that may touch a pixel: between near and far, not too transparent, footprint in the image.
+    /// Gaussians that may touch a pixel: between near and far, not too transparent, footprint in the image. Devices may
+    /// bound those that just miss it differently.
     pub visible: usize,
     /// Gaussians left out because a stored value is not finite, the quaternion is zero, or a scale, the
     /// footprint or the colour overflows.
     pub rejected: usize,
-    /// Pairs of a Gaussian and a tile that its footprint touches.
+    /// Pairs of a Gaussian and a tile of [`TILE`] pixels that its footprint may touch.
     pub intersections: u64,
     /// Wall time of the stages.
     pub seconds: StageSeconds,
@@ -44,16 +45,4 @@ pub struct StageSeconds {
     pub blend: f64,
     /// Everything on the GPU, from the first command to the picture in memory; 0 on the CPU, as the others are on the GPU.
     pub gpu: f64,
-}
-
-/// Renders `gaussians` as seen by `camera`, on the CPU, with all threads of the current rayon pool. The result does
-/// not depend on their number.
-///
-/// Gaussians whose stored values are not finite are left out and counted in [`RenderStats::rejected`].
-///
-/// # Errors
-/// If a setting lies outside its range, or the Gaussians touch more tiles than memory can hold.
-pub fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Result<Rendering> {
-    settings.check()?;
-    cpu::render(gaussians, camera, settings, &mut cpu::Scratch::default())
 }

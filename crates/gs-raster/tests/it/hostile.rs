@@ -1,8 +1,9 @@
 //! Input that breaks renderers: every result is finite and defined.
 
 use crate::check::settings;
+use crate::scenes::render;
 use glam::{DMat3, DVec3};
-use gs_raster::{Error, PixelGradients, Rasterizer, RenderSettings, Rendering, render};
+use gs_raster::{Error, PixelGradients, Rasterizer, RenderSettings, Rendering};
 use gs_reference::tolerance::{AMBIGUOUS, f32_bound};
 use gs_reference::{Profile, compare};
 use gs_scene::{Camera, Gaussians, Intrinsics};

@@ -1,9 +1,9 @@
 //! What must hold for every scene.
 
 use crate::check::settings;
-use crate::scenes::{camera, gaussians};
+use crate::scenes::{camera, gaussians, render};
 use glam::DVec3;
-use gs_raster::{RenderSettings, Rendering, render};
+use gs_raster::{RenderSettings, Rendering};
 use gs_reference::tolerance::{AMBIGUOUS, F32_WITHOUT_FLOOR, f32_bound};
 use gs_reference::{Profile, compare};
 use gs_scene::{Camera, Gaussians};

@@ -1,6 +1,7 @@
 //! Small random scenes and cameras.
 
 use glam::{DMat3, DVec3, EulerRot};
+use gs_raster::{Rasterizer, RenderSettings, Rendering, Result};
 use gs_scene::{Camera, Gaussians, Intrinsics};
 use proptest::prelude::*;
 
@@ -47,4 +48,9 @@ pub(crate) fn gaussians(n: usize) -> impl Strategy<Value = Gaussians> {
             scene
         })
     })
+}
+
+/// One view on the CPU.
+pub(crate) fn render(scene: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Result<Rendering> {
+    Rasterizer::cpu().render(scene, camera, settings)
 }

@@ -14,7 +14,7 @@ mod invariance;
 /// Held-out views of a simulated scene.
 mod quality;
 
-use gs_raster::{RenderSettings, render};
+use gs_raster::{Rasterizer, RenderSettings};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, View, sigmoid};
 use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
 use sparsesplat::{Backbone, Budget, Config, DepthRange, Prediction, predict};
@@ -88,7 +88,7 @@ fn psnr(prediction: &Prediction, targets: &[View]) -> f64 {
     let settings =
         RenderSettings { near: 0.1 * prediction.depth_range.0 as f32, ..RenderSettings::default() };
     let of = |target: &View| {
-        let drawn = render(&prediction.gaussians, target.camera(), &settings).unwrap();
+        let drawn = Rasterizer::cpu().render(&prediction.gaussians, target.camera(), &settings).unwrap();
         assert_eq!(drawn.stats.rejected, 0);
         image_metrics::psnr(&drawn.image, target.image()).unwrap()
     };
