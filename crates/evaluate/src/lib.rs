@@ -24,7 +24,7 @@ pub use picture::{DepthScale, ERROR_GAIN, Picture};
 pub use plan::{Choice, Plan, Reading};
 pub use protocol::{Baselines, Evaluation, Event, NearestView, PROTOCOL, evaluate};
 pub use recipe::{Machine, Recipe, peak_rss_bytes};
-pub use render::{Rendered, render_view};
+pub use render::{Rendered, render_ellipsoids, render_view};
 pub use report::{PictureLimits, Report};
 pub use simulated::{SIMULATED_SIZE, simulated_window};
 pub use table::{Table, count, decibel, figures_table, number};

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use glam::DVec3;
-use gs_raster::{Rasterizer, RenderSettings};
+use gs_raster::{Rasterizer, RenderSettings, Style};
 use gs_scene::{Camera, Gaussians, Image};
 
 /// A rendered view.
@@ -21,8 +21,29 @@ pub struct Rendered {
 /// # Errors
 /// If the Gaussians touch more tiles than memory can hold, or the GPU that is used cannot hold the scene, or fails.
 pub fn render_view(rasterizer: &mut Rasterizer, gaussians: &Gaussians, camera: &Camera) -> Result<Rendered> {
-    let settings =
-        RenderSettings { near: near_plane(gaussians, camera), depth: true, ..RenderSettings::default() };
+    render(rasterizer, gaussians, camera, Style::Blended)
+}
+
+/// As [`render_view`], each Gaussian drawn as a solid ellipsoid of one standard deviation.
+///
+/// # Errors
+/// As [`render_view`].
+pub fn render_ellipsoids(
+    rasterizer: &mut Rasterizer,
+    gaussians: &Gaussians,
+    camera: &Camera,
+) -> Result<Rendered> {
+    render(rasterizer, gaussians, camera, Style::Ellipsoids)
+}
+
+fn render(
+    rasterizer: &mut Rasterizer,
+    gaussians: &Gaussians,
+    camera: &Camera,
+    style: Style,
+) -> Result<Rendered> {
+    let near = near_plane(gaussians, camera);
+    let settings = RenderSettings { style, near, depth: true, ..RenderSettings::default() };
     let mut rendering = rasterizer.render(gaussians, camera, &settings)?;
     for value in rendering.image.data_mut() {
         *value = value.clamp(0.0, 1.0);

@@ -7,7 +7,9 @@ use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
 use crate::{output, threads};
 use clap::Args;
-use evaluate::{DepthScale, Picture, Recipe, Rendered, count, peak_rss_bytes, render_view};
+use evaluate::{
+    DepthScale, Picture, Recipe, Rendered, count, peak_rss_bytes, render_ellipsoids, render_view,
+};
 use gs_scene::{Camera, Intrinsics};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -15,7 +17,8 @@ use std::time::Instant;
 
 /// A scene to pictures: colour, opacity and depth from given cameras
 ///
-/// Writes NAME.png, NAME-alpha.png and NAME-depth.png for every camera (near is light, far is dark, one scale for all).
+/// Writes NAME.png, NAME-alpha.png and NAME-depth.png for every camera (near is light, far is dark, one scale for all), and
+/// with --ellipsoids NAME-ellipsoids.png.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  sparsesplat render scene.ply --cameras data/fox -o out/fox\n  \
                         sparsesplat render scene.ply --cameras data/fox --positions 0,7,20 --size 960x540 -o out/fox")]
@@ -34,6 +37,9 @@ pub(crate) struct Arguments {
     /// Size of the pictures [default: as the photographs]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
+    /// Show the Gaussians as solid ellipsoids, too: where they lie, how large they are and how they are turned
+    #[arg(long)]
+    ellipsoids: bool,
 }
 
 /// What `--json` writes.
@@ -52,7 +58,7 @@ struct ViewRecord {
     width: usize,
     height: usize,
     seconds: f64,
-    files: [PathBuf; 3],
+    files: Vec<PathBuf>,
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
@@ -74,10 +80,18 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut views = Vec::with_capacity(cameras.len());
     for ((name, camera), (view, seconds)) in cameras.iter().zip(&rendered) {
         let (width, height) = (camera.width(), camera.height());
-        let files = ["", "-alpha", "-depth"].map(|kind| arguments.output.join(format!("{name}{kind}.png")));
-        Picture::of_image(&view.image).save(&files[0]).or_work()?;
-        Picture::of_mask(width, height, &view.alpha).save(&files[1]).or_work()?;
-        Picture::of_depth(width, height, &view.depth, scale).save(&files[2]).or_work()?;
+        let mut files = Vec::new();
+        let mut save = |kind: &str, picture: Picture| {
+            files.push(arguments.output.join(format!("{name}{kind}.png")));
+            picture.save(&files[files.len() - 1]).or_work()
+        };
+        save("", Picture::of_image(&view.image))?;
+        save("-alpha", Picture::of_mask(width, height, &view.alpha))?;
+        save("-depth", Picture::of_depth(width, height, &view.depth, scale))?;
+        if arguments.ellipsoids {
+            let solid = render_ellipsoids(&mut rasterizer, &gaussians, camera).or_work()?;
+            save("-ellipsoids", Picture::of_image(&solid.image))?;
+        }
         views.push(ViewRecord { name: name.clone(), width, height, seconds: *seconds, files });
     }
     drop(progress);

@@ -67,6 +67,11 @@ fn a_written_and_read_scene_renders_as_before() {
     let [scene_path, root, folder] = [&path, &root, &output].map(|path| path.to_str().unwrap());
     call(&["render", scene_path, "--cameras", root, "-o", folder, "--positions", positions]).succeeded();
     assert_eq!(fs::read_dir(&output).unwrap().count(), 2 * 3);
+    let arguments = ["--positions", "1", "--ellipsoids", "--device", "cpu"];
+    call(&[&["render", scene_path, "--cameras", root, "-o", folder], &arguments[..]].concat()).succeeded();
+    let solid = image::open(output.join("view-01-ellipsoids.png")).unwrap().to_rgb8();
+    let blended = image::open(output.join("view-01.png")).unwrap().to_rgb8();
+    assert!(solid.as_raw() != blended.as_raw() && solid.as_raw().iter().any(|&value| value > 0));
 
     for (view, name) in [(&window().targets[0], "view-01"), (&window().context[2], "view-04")] {
         assert_eq!(view.name(), name);
