@@ -1,6 +1,7 @@
 use crate::{Error, RenderSettings, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, Gaussians};
+use rayon::prelude::*;
 
 /// Derivatives of a loss with respect to the pixels of one [`Rendering`](crate::Rendering).
 #[derive(Debug, Clone, PartialEq)]
@@ -58,17 +59,25 @@ impl Gradients {
     /// No gradient yet.
     pub(crate) fn zero(gaussians: &Gaussians) -> Self {
         Self {
-            geometry: vec![0.0; gaussians.geometry().len()],
-            sh: vec![0.0; gaussians.sh().len()],
+            geometry: zeros(gaussians.geometry().len()),
+            sh: zeros(gaussians.sh().len()),
             background: [0.0; 3],
             poses: Vec::new(),
         }
     }
 }
 
+/// Zeros in memory that is there. Fresh memory is one page of zeros shown many times: to read a number and write it back
+/// would have the system make room for each page twice, and stop all threads every time.
+fn zeros(n: usize) -> Vec<f32> {
+    let mut zeros = vec![0.0; n];
+    zeros.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
+    zeros
+}
+
 /// Derivatives of a loss with respect to a world-to-camera pose `p_camera = R p_world + t`, its twelve numbers taken as
 /// independent. The camera centre, from which SH colours are seen, is -Rᵀ t.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseGradient {
     /// By the entries of R.
     pub rotation: DMat3,
