@@ -4,7 +4,10 @@ use crate::failure::{OrFail, Outcome};
 use gs_raster::{PixelGradients, Rasterizer, RenderSettings, RenderStats};
 use gs_scene::{Camera, Gaussians};
 use rayon::ThreadPool;
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// Cores that had nothing to do take as long to work at their full speed.
+const WARM_UP: Duration = Duration::from_millis(60);
 
 /// What runs: a rasterizer, and the threads that it may use.
 pub(super) struct Runner<'a> {
@@ -54,8 +57,8 @@ pub(super) struct Measured {
     pub(super) peak_rss_bytes: Option<u64>,
 }
 
-/// Measures every job `runs` times: round by round, each job in its turn, each timed run after one that is not timed and
-/// that finds the caches as a series of frames would.
+/// Measures every job `runs` times: round by round, each job in its turn, each timed run after others that are
+/// not timed, so that it finds caches and cores as a series of frames would.
 pub(super) fn measure(
     runners: &mut [Runner<'_>],
     jobs: &[Job<'_>],
@@ -73,9 +76,13 @@ pub(super) fn measure(
             if round == 0 {
                 restart_peak();
             }
+            let warm_up = Instant::now();
             let (stats, _) = run(runner, job, camera)?;
             if round == 0 {
                 first.push((stats, evaluate::peak_rss_bytes()));
+            }
+            while warm_up.elapsed() < WARM_UP {
+                run(runner, job, camera)?;
             }
             let (stats, taken) = run(runner, job, camera)?;
             seconds.push(taken);
