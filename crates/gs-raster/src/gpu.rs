@@ -5,9 +5,9 @@ mod backward;
 mod context;
 mod forward;
 mod frame;
+mod passes;
 mod pool;
 mod self_test;
-mod sort;
 mod upload;
 
 pub use adapter::{AdapterChoice, AdapterDescription, GpuOptions, adapters};

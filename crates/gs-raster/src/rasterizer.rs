@@ -212,7 +212,7 @@ impl Rasterizer {
             }
             #[cfg(feature = "gpu")]
             (Backend::Gpu(gpu), Views::Gpu(views)) => {
-                gpu.backward(views, &tape.cameras, &tape.settings, pixels, &mut gradients)?;
+                gpu.backward(views, &tape.cameras, pixels, &mut gradients)?;
             }
             #[cfg(feature = "gpu")]
             _ => return Err(Error::OtherDevice),

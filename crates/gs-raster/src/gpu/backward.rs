@@ -1,13 +1,14 @@
 //! The backward pass on the GPU.
 
-use super::context::{Gpu, folded};
+use super::context::Gpu;
 use super::forward::{Tape, ViewTape};
-use super::pool::{Pooled, Use};
+use super::passes::StoredSums;
+use super::pool::Use;
 use super::upload::Upload;
-use crate::{Gradients, PixelGradients, PoseGradient, RenderSettings, Result};
+use crate::{Gradients, PixelGradients, PoseGradient, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::Camera;
-use gs_shaders::{PAIR_GRADS, PIXEL_GRADS, POSE_SUMS, PROJECT_BACKWARD, RASTERIZE_BACKWARD, WORKGROUP};
+use gs_shaders::{PAIR_GRADS, PIXEL_GRADS, POSE_SUMS, WORKGROUP};
 
 impl Gpu {
     /// Adds the derivatives of all views to `gradients`.
@@ -15,23 +16,25 @@ impl Gpu {
         &mut self,
         tape: &Tape,
         cameras: &[Camera],
-        settings: &RenderSettings,
         pixels: &[PixelGradients],
         gradients: &mut Gradients,
     ) -> Result<()> {
         // Zeroed by the upload, whatever was in the buffers before.
-        let sums = [&gradients.geometry, &gradients.sh].map(|zeros| self.pool.storage(zeros));
+        let sums = StoredSums {
+            geometry: self.pool.storage(&gradients.geometry),
+            sh: self.pool.storage(&gradients.sh),
+        };
         for ((view, camera), pixels) in tape.views.iter().zip(cameras).zip(pixels) {
             for (pixel, t) in pixels.image.chunks_exact(3).zip(&view.transmittance) {
                 for (background, v) in gradients.background.iter_mut().zip(pixel) {
                     *background += f64::from(*v) * f64::from(*t);
                 }
             }
-            let pose = self.view_backward(&tape.upload, view, camera, settings, pixels, &sums)?;
+            let pose = self.view_backward(&tape.upload, view, camera, pixels, &sums)?;
             gradients.poses.push(pose);
         }
         let mut recording = self.recording();
-        let staged = sums.each_ref().map(|buffer| self.stage(&mut recording, buffer));
+        let staged = [&sums.geometry, &sums.sh].map(|buffer| self.stage(&mut recording, buffer));
         self.submit(recording)?;
         let n = gradients.geometry.len();
         gradients.geometry.copy_from_slice(&self.read::<f32>(&staged[0])?[..n]);
@@ -45,56 +48,17 @@ impl Gpu {
         upload: &Upload,
         view: &ViewTape,
         camera: &Camera,
-        settings: &RenderSettings,
         pixels: &PixelGradients,
-        [grad_geometry, grad_sh]: &[Pooled; 2],
+        sums: &StoredSums,
     ) -> Result<PoseGradient> {
-        let features = upload.features(settings.antialias, settings.depth);
-        let uniform = self.pool.uniform(&view.frame);
         let pixel_grads = self.pool.storage(&pixel_gradients(view, pixels));
-        let pair_grads =
-            self.pool.take(Use::Storage, u64::from(view.n_pairs) * (PAIR_GRADS * size_of::<f32>()) as u64);
+        let row = |numbers: usize| (numbers * size_of::<f32>()) as u64;
+        let pair_grads = self.pool.take(Use::Storage, u64::from(view.n_pairs) * row(PAIR_GRADS));
         let groups = upload.n.div_ceil(WORKGROUP);
-        let pose_sums =
-            self.pool.take(Use::Storage, u64::from(groups) * (POSE_SUMS * size_of::<f32>()) as u64);
+        let pose_sums = self.pool.take(Use::Storage, u64::from(groups) * row(POSE_SUMS));
         let mut recording = self.recording();
-        recording.encoder.clear_buffer(&pair_grads, 0, None);
-        recording.encoder.clear_buffer(&pose_sums, 0, None);
-        self.dispatch(
-            &mut recording,
-            &RASTERIZE_BACKWARD,
-            "rasterize_backward",
-            features,
-            view.frame.tiles,
-            &[
-                Some(&uniform),
-                Some(&view.splats),
-                Some(&view.pair_splats),
-                Some(&view.pair_index),
-                Some(&view.ranges),
-                Some(&view.ends),
-                Some(&pixel_grads),
-                Some(&pair_grads),
-            ],
-        );
-        self.dispatch(
-            &mut recording,
-            &PROJECT_BACKWARD,
-            "project_backward",
-            features,
-            folded(groups),
-            &[
-                Some(&uniform),
-                Some(&upload.geometry),
-                Some(&upload.sh),
-                Some(&view.order),
-                Some(&view.offsets),
-                Some(&pair_grads),
-                Some(grad_geometry),
-                Some(grad_sh),
-                Some(&pose_sums),
-            ],
-        );
+        self.rasterize_backward(&mut recording, &view.buffers, &pixel_grads, &pair_grads);
+        self.project_backward(&mut recording, upload, &view.buffers, &pair_grads, sums, &pose_sums);
         let staged = self.stage(&mut recording, &pose_sums);
         self.submit(recording)?;
         let mut sums = [0.0; POSE_SUMS];

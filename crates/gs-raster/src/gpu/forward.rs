@@ -1,14 +1,15 @@
 //! One view on the GPU: project, sort by depth, list by tile, composite.
 
-use super::context::{GRID_MAX, Gpu, Recording, folded};
+use super::context::{GRID_MAX, Gpu};
 use super::frame::frame;
+use super::passes::Keyed;
 use super::pool::{Pooled, Use};
 use super::upload::Upload;
 use crate::{Error, RenderSettings, RenderStats, Rendering, Result, StageSeconds, Style};
 use gs_scene::{Camera, Gaussians, Image};
 use gs_shaders::{
-    BIN, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PROJECT, RASTERIZE_ELLIPSOIDS, RASTERIZE_FORWARD,
-    REJECTED, Splat, Surface, TILE, TILE_RANGES, VISIBLE, WORKGROUP,
+    Features, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, REJECTED, Splat, Surface, TILE, VISIBLE,
+    WORKGROUP,
 };
 use std::time::Instant;
 
@@ -25,19 +26,34 @@ pub(crate) struct Tape {
 /// What the backward pass needs of one view.
 #[derive(Debug)]
 pub(super) struct ViewTape {
-    pub(super) frame: Frame,
-    pub(super) splats: Pooled,
-    pub(super) order: Pooled,
-    pub(super) offsets: Pooled,
-    pub(super) pair_splats: Pooled,
-    pub(super) pair_index: Pooled,
-    pub(super) ranges: Pooled,
-    pub(super) ends: Pooled,
+    pub(super) buffers: Buffers,
     pub(super) n_pairs: u32,
     /// Transmittance `[h, w]`.
     pub(super) transmittance: Vec<f32>,
     /// Expected depth and Σ w `[h, w]`, if depth was rendered.
     pub(super) depth: Option<[Vec<f32>; 2]>,
+}
+
+/// What the passes of one view read and write.
+#[derive(Debug)]
+pub(super) struct Buffers {
+    pub(super) frame: Frame,
+    pub(super) features: Features,
+    /// Whether ellipsoids are drawn.
+    pub(super) solid: bool,
+    pub(super) uniform: Pooled,
+    pub(super) splats: Pooled,
+    pub(super) surfaces: Pooled,
+    pub(super) counters: Pooled,
+    /// Gaussians by depth; once sorted, the visible ones first.
+    pub(super) depths: Keyed,
+    pub(super) offsets: Pooled,
+    pub(super) pair_splats: Pooled,
+    /// Pairs of Gaussian and tile by tile.
+    pub(super) pairs: Keyed,
+    pub(super) ranges: Pooled,
+    pub(super) pixels: Pooled,
+    pub(super) ends: Pooled,
 }
 
 impl Gpu {
@@ -101,6 +117,7 @@ impl Gpu {
         }
     }
 
+    /// As [`Gpu::view`], with room for so many pairs; if there are more, the picture lacks some and the statistics say so.
     fn try_view(
         &mut self,
         upload: &Upload,
@@ -110,153 +127,69 @@ impl Gpu {
         capacity: u32,
     ) -> Result<(Rendering, Option<ViewTape>)> {
         let start = Instant::now();
-        let frame = frame(camera, settings, upload.n, capacity);
-        let n_pixels = camera.width() * camera.height();
-        let n_tiles = frame.tiles[0] * frame.tiles[1];
-        let features = upload.features(settings.antialias, settings.depth);
-        let storage = |numbers: usize| self.pool.take(Use::Storage, (numbers * size_of::<f32>()) as u64);
-
-        let uniform = self.pool.uniform(&frame);
-        // What a pass binds as an array of structs must have room for one, even if the scene is empty.
-        let at_least_one = u64::from(upload.n.max(1));
-        let splats = self.pool.take(Use::Storage, at_least_one * size_of::<Splat>() as u64);
-        let counters = storage(N_COUNTERS);
-        let offsets = storage(upload.n as usize + 1);
-        let ranges = storage(n_tiles as usize * 2);
-        let pixels = storage(n_pixels * numbers_per_pixel(settings));
-        let ends = storage(if train { n_pixels } else { 1 });
-        let solid = settings.style == Style::Ellipsoids;
-        let surfaces =
-            self.pool.take(Use::Storage, at_least_one * size_of::<Surface>() as u64 * u64::from(solid));
-        let pair_splats = storage(capacity as usize);
-        let mut depths = self.keyed(upload.n);
-        let mut pairs = self.keyed(capacity);
-
+        let mut view = self.buffers(upload, camera, settings, train, capacity);
         let mut recording = self.recording();
-        recording.encoder.clear_buffer(&counters, 0, None);
-        recording.encoder.clear_buffer(&ranges, 0, None);
-        self.dispatch(
-            &mut recording,
-            &PROJECT,
-            if solid { "project_ellipsoids" } else { "project" },
-            features,
-            folded(upload.n.div_ceil(WORKGROUP)),
-            &[
-                Some(&uniform),
-                Some(&upload.geometry),
-                Some(&upload.sh),
-                Some(&splats),
-                Some(&depths.keys),
-                Some(&depths.values),
-                Some(&counters),
-                Some(&surfaces),
-            ],
-        );
-        self.sort(&mut recording, &mut depths, DEPTH_BITS, &counters, NOWHERE);
-        let (order, spare) = depths.into_values();
-        recording.keep.extend(spare);
-        self.bin(
-            &mut recording,
-            &uniform,
-            upload.n,
-            [&splats, &order, &counters, &offsets, &pair_splats],
-            &pairs,
-        );
+        recording.encoder.clear_buffer(&view.counters, 0, None);
+        self.project(&mut recording, upload, &view);
+        self.sort(&mut recording, &mut view.depths, DEPTH_BITS, &view.counters, NOWHERE);
+        self.bin(&mut recording, &view);
         // Tiles are numbered from 0; the number after the last marks a pair that is none.
-        self.sort(&mut recording, &mut pairs, u32::BITS - n_tiles.leading_zeros(), &counters, N_PAIRS);
-        self.dispatch(
-            &mut recording,
-            &TILE_RANGES,
-            "tile_ranges",
-            features,
-            folded(capacity.div_ceil(WORKGROUP)),
-            &[Some(&uniform), Some(&counters), Some(&pairs.keys), Some(&ranges)],
-        );
-        let (pair_index, spare) = pairs.into_values();
-        recording.keep.extend(spare);
-        if solid {
-            self.dispatch(
-                &mut recording,
-                &RASTERIZE_ELLIPSOIDS,
-                "rasterize_ellipsoids",
-                features,
-                frame.tiles,
-                &[
-                    Some(&uniform),
-                    Some(&splats),
-                    Some(&pair_splats),
-                    Some(&pair_index),
-                    Some(&ranges),
-                    Some(&surfaces),
-                    Some(&pixels),
-                ],
-            );
+        let tile_bits = u32::BITS - (view.frame.tiles[0] * view.frame.tiles[1]).leading_zeros();
+        self.sort(&mut recording, &mut view.pairs, tile_bits, &view.counters, N_PAIRS);
+        self.tile_ranges(&mut recording, &view);
+        if view.solid {
+            self.rasterize_ellipsoids(&mut recording, &view);
         } else {
-            self.dispatch(
-                &mut recording,
-                &RASTERIZE_FORWARD,
-                if train { "rasterize_forward_train" } else { "rasterize_forward" },
-                features,
-                frame.tiles,
-                &[
-                    Some(&uniform),
-                    Some(&splats),
-                    Some(&pair_splats),
-                    Some(&pair_index),
-                    Some(&ranges),
-                    Some(&pixels),
-                    Some(&ends),
-                ],
-            );
+            self.rasterize_forward(&mut recording, &view, train);
         }
-        let staged = [&counters, &pixels].map(|buffer| self.stage(&mut recording, buffer));
+        let staged = [&view.counters, &view.pixels].map(|buffer| self.stage(&mut recording, buffer));
         self.submit(recording)?;
         let counters: Vec<u32> = self.read(&staged[0])?;
         let pixels: Vec<f32> = self.read(&staged[1])?;
 
-        let n_pairs = counters[N_PAIRS as usize];
         let (mut rendering, transmittance, weight) = picture(camera, settings, &counters, &pixels)?;
         rendering.stats.seconds.gpu = start.elapsed().as_secs_f64();
         let tape = train.then(|| ViewTape {
-            frame,
-            splats,
-            order,
-            offsets,
-            pair_splats,
-            pair_index,
-            ranges,
-            ends,
-            n_pairs,
+            buffers: view,
+            n_pairs: counters[N_PAIRS as usize],
             transmittance,
             depth: rendering.depth.clone().zip(weight).map(|(depth, weight)| [depth, weight]),
         });
         Ok((rendering, tape))
     }
 
-    /// Lists the tiles that each Gaussian touches, near to far.
-    fn bin(
-        &mut self,
-        recording: &mut Recording,
-        uniform: &Pooled,
-        n: u32,
-        [splats, order, counters, offsets, pair_splats]: [&Pooled; 5],
-        pairs: &super::sort::Keyed,
-    ) {
-        let buffers = [
-            Some(uniform),
-            Some(splats),
-            Some(order),
-            Some(counters),
-            Some(offsets),
-            Some(&pairs.keys),
-            Some(&pairs.values),
-            Some(pair_splats),
-        ];
-        let groups = folded((n + 1).div_ceil(WORKGROUP));
-        let features = super::sort::NO_FEATURES;
-        self.dispatch(recording, &BIN, "bin_count", features, groups, &buffers);
-        self.scan(recording, offsets, n + 1, counters, N_PAIRS);
-        self.dispatch(recording, &BIN, "bin_emit", features, groups, &buffers);
+    fn buffers(
+        &self,
+        upload: &Upload,
+        camera: &Camera,
+        settings: &RenderSettings,
+        train: bool,
+        capacity: u32,
+    ) -> Buffers {
+        let frame = frame(camera, settings, upload.n, capacity);
+        let n_pixels = camera.width() * camera.height();
+        let n_tiles = (frame.tiles[0] * frame.tiles[1]) as usize;
+        let solid = settings.style == Style::Ellipsoids;
+        // What a pass binds as an array of structs must have room for one, even if the scene is empty.
+        let at_least_one = upload.n.max(1) as usize;
+        let room = |bytes: usize| self.pool.take(Use::Storage, bytes as u64);
+        let numbers = |n: usize| room(n * size_of::<f32>());
+        Buffers {
+            frame,
+            features: upload.features(settings.antialias, settings.depth),
+            solid,
+            uniform: self.pool.uniform(&frame),
+            splats: room(at_least_one * size_of::<Splat>()),
+            surfaces: room(if solid { at_least_one * size_of::<Surface>() } else { 0 }),
+            counters: numbers(N_COUNTERS),
+            depths: self.keyed(upload.n),
+            offsets: numbers(upload.n as usize + 1),
+            pair_splats: numbers(capacity as usize),
+            pairs: self.keyed(capacity),
+            ranges: numbers(n_tiles * 2),
+            pixels: numbers(n_pixels * numbers_per_pixel(settings)),
+            ends: numbers(if train { n_pixels } else { 0 }),
+        }
     }
 }
 

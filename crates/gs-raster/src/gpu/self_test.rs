@@ -26,7 +26,7 @@ impl Gpu {
         let (scene, camera, settings) = scene();
         let (views, tape) = self.record(&scene, &[camera], &settings)?;
         let mut gradients = crate::Gradients::zero(&scene);
-        self.backward(&tape, &[camera], &settings, &[loss()], &mut gradients)?;
+        self.backward(&tape, &[camera], &[loss()], &mut gradients)?;
         let (view, pose) = (&views[0], gradients.poses[0]);
         let depth = view.depth.as_deref().unwrap_or_default();
         let matrix: Vec<f32> = (0..3)

@@ -1,0 +1,40 @@
+use crate::gpu::context::{Gpu, Recording, folded};
+use crate::gpu::forward::Buffers;
+use crate::gpu::pool::Pooled;
+use crate::gpu::upload::Upload;
+use gs_shaders::{PROJECT_BACKWARD, WORKGROUP};
+
+/// Sums over views of the gradients by what is stored.
+#[derive(Debug)]
+pub(in crate::gpu) struct StoredSums {
+    pub(in crate::gpu) geometry: Pooled,
+    pub(in crate::gpu) sh: Pooled,
+}
+
+impl Gpu {
+    /// Adds the gradients by what is stored of the Gaussians; those by the pose go to `pose_sums`, one row per workgroup.
+    pub(in crate::gpu) fn project_backward(
+        &mut self,
+        recording: &mut Recording,
+        upload: &Upload,
+        view: &Buffers,
+        pair_grads: &Pooled,
+        sums: &StoredSums,
+        pose_sums: &Pooled,
+    ) {
+        recording.encoder.clear_buffer(pose_sums, 0, None);
+        let buffers = [
+            Some(&view.uniform),
+            Some(&upload.geometry),
+            Some(&upload.sh),
+            Some(&view.depths.values),
+            Some(&view.offsets),
+            Some(pair_grads),
+            Some(&sums.geometry),
+            Some(&sums.sh),
+            Some(pose_sums),
+        ];
+        let groups = folded(upload.n.div_ceil(WORKGROUP));
+        self.dispatch(recording, &PROJECT_BACKWARD, "project_backward", view.features, groups, &buffers);
+    }
+}

@@ -1,0 +1,29 @@
+use crate::gpu::context::{Gpu, Recording};
+use crate::gpu::forward::Buffers;
+use crate::gpu::pool::Pooled;
+use gs_shaders::RASTERIZE_BACKWARD;
+
+impl Gpu {
+    /// Gradients by pixels to sums per pair of Gaussian and tile.
+    pub(in crate::gpu) fn rasterize_backward(
+        &mut self,
+        recording: &mut Recording,
+        view: &Buffers,
+        pixel_grads: &Pooled,
+        pair_grads: &Pooled,
+    ) {
+        recording.encoder.clear_buffer(pair_grads, 0, None);
+        let buffers = [
+            Some(&view.uniform),
+            Some(&view.splats),
+            Some(&view.pair_splats),
+            Some(&view.pairs.values),
+            Some(&view.ranges),
+            Some(&view.ends),
+            Some(pixel_grads),
+            Some(pair_grads),
+        ];
+        let (pass, tiles) = (&RASTERIZE_BACKWARD, view.frame.tiles);
+        self.dispatch(recording, pass, "rasterize_backward", view.features, tiles, &buffers);
+    }
+}
