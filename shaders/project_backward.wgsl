@@ -85,7 +85,7 @@ fn project_backward(
         for (var half = WORKGROUP / 2u; half > 0u; half /= 2u) {
             workgroupBarrier();
             if local < half {
-                partial[local] += partial[local + half];
+                partial[local] = defined_sum(partial[local], partial[local + half]);
             }
         }
         workgroupBarrier();
@@ -172,7 +172,7 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     for (var k = 0u; k < sh_coefficients(); k++) {
         let at = (index * sh_coefficients() + k) * 3u;
         for (var channel = 0u; channel < 3u; channel++) {
-            grad_sh[at + channel] += defined(basis[k] * grad_colour[channel]);
+            grad_sh[at + channel] = defined_sum(grad_sh[at + channel], basis[k] * grad_colour[channel]);
         }
     }
     var grad_direction = sh_gradient(index, direction, grad_colour);
@@ -184,13 +184,13 @@ fn differentiate(index: u32, sums: array<f32, 10>) -> Pose {
     let grad_logit = grad_ln_opacity * sigmoid(-gaussian.logit);
     let at = index * 11u;
     for (var i = 0u; i < 3u; i++) {
-        grad_geometry[at + i] += defined(grad_world[i]);
-        grad_geometry[at + 7u + i] += defined(grad_log_scale[i]);
+        grad_geometry[at + i] = defined_sum(grad_geometry[at + i], grad_world[i]);
+        grad_geometry[at + 7u + i] = defined_sum(grad_geometry[at + 7u + i], grad_log_scale[i]);
     }
     for (var i = 0u; i < 4u; i++) {
-        grad_geometry[at + 3u + i] += defined(grad_quaternion[i]);
+        grad_geometry[at + 3u + i] = defined_sum(grad_geometry[at + 3u + i], grad_quaternion[i]);
     }
-    grad_geometry[at + 10u] += defined(grad_logit);
+    grad_geometry[at + 10u] = defined_sum(grad_geometry[at + 10u], grad_logit);
 
     var pose: Pose;
     let by_u = grad_jacobian_u * focal_z.x;
@@ -251,6 +251,12 @@ fn sh_gradient(index: u32, d: vec3f, grad_colour: vec3f) -> vec3f {
 // A derivative that left the range of f32 on the way is not known: it counts as zero rather than to spoil every sum.
 fn defined(x: f32) -> f32 {
     return select(0.0, x, is_finite(x));
+}
+
+// What would leave the range of f32 is not added, for the same reason.
+fn defined_sum(sum: f32, x: f32) -> f32 {
+    let total = sum + x;
+    return select(sum, total, is_finite(total));
 }
 
 fn all_defined(v: vec3f) -> vec3f {

@@ -52,11 +52,14 @@ fn main() -> ExitCode {
         };
         let name = std::path::Path::new(&file).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let rows = match &mut rasterizer {
-            Some(rasterizer) => check::check_rasterizer(&case, rasterizer),
+            Some(rasterizer) => match check::check_rasterizer(&case, rasterizer) {
+                Ok(rows) => rows,
+                Err(error) => return refused(&format!("{file}: {}", with_causes(&error))),
+            },
             None => check::check_reference(&case),
         };
         for row in rows {
-            outside += usize::from(!row.holds());
+            outside += usize::from(!row.holds() && !row.is_empty());
             print_row(&name, &row);
         }
     }
@@ -65,7 +68,8 @@ fn main() -> ExitCode {
 }
 
 fn print_row(case: &str, row: &Row) {
-    let (output, bound, verdict) = (&row.output, row.bound, if row.holds() { "" } else { "OUTSIDE" });
+    let (output, bound, verdict) =
+        (&row.output, row.bound, if row.holds() || row.is_empty() { "" } else { "OUTSIDE" });
     match &row.deviation {
         Ok(d) => println!(
             "{case:<24} {output:<24} {:>9.1e} {bound:>9.1e} {:>9.1e} {:>9.1e} {:>12.9} {verdict}",

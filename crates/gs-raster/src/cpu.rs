@@ -14,9 +14,10 @@ mod sh;
 mod shape;
 mod span;
 
+use crate::settings::{INTERSECTIONS_MAX, INTERSECTIONS_MAX_RECORDED};
 use crate::{
-    Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result, StageSeconds,
-    Style, TILE,
+    Error, Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result,
+    StageSeconds, Style, TILE,
 };
 use gs_scene::{Camera, Gaussians, Image};
 use std::time::Instant;
@@ -106,8 +107,13 @@ fn draw(
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
+    let (found, limit) =
+        (frame.splats.intersections(), if record { INTERSECTIONS_MAX_RECORDED } else { INTERSECTIONS_MAX });
+    if found > limit {
+        return Err(Error::TooManyIntersections { found, limit });
+    }
     frame.order.sort(&frame.splats);
-    frame.bins.list(&frame.splats, frame.order.indices(), grid)?;
+    frame.bins.list(&frame.splats, frame.order.indices(), grid);
     seconds.bin = start.elapsed().as_secs_f64();
 
     let start = Instant::now();

@@ -3,11 +3,16 @@ use serde::{Deserialize, Serialize};
 
 /// The most pairs of Gaussian and tile that are listed: 1 GiB of indices.
 pub(crate) const INTERSECTIONS_MAX: u64 = 1 << 28;
+/// The most pairs that are listed where gradients are to be summed by pair, ten numbers each: 1 GiB of them.
+pub(crate) const INTERSECTIONS_MAX_RECORDED: u64 = (1 << 28) / 10;
 
 /// Size at which [`Style::Ellipsoids`] draws a Gaussian, standard deviations.
 pub const ELLIPSOID_SIGMA: f32 = 1.0;
 /// Gaussians less opaque than this are not drawn by [`Style::Ellipsoids`]: solid, they would hide what they do not hide.
 pub const ELLIPSOID_OPACITY_MIN: f32 = 0.2;
+
+/// Share of the colour that an ellipsoid keeps where it is seen edge-on.
+pub(crate) const ELLIPSOID_AMBIENT: f32 = 0.3;
 
 /// What a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]

@@ -116,6 +116,17 @@ pub fn compare(
     Ok(deviation)
 }
 
+/// As [`compare`] without a mask, each pair of numbers divided by max(1, |expected|) first.
+///
+/// # Errors
+/// As [`compare`].
+pub fn compare_to_size(expected: &[f64], found: &[f64]) -> Result<Deviation, Mismatch> {
+    let sizes = expected.iter().map(|value| value.abs().max(1.0));
+    let of_found = sizes.clone().chain(std::iter::repeat(1.0));
+    let scaled = |(value, size): (&f64, f64)| value / size;
+    compare(expected.iter().zip(sizes).map(scaled), found.iter().zip(of_found).map(scaled), &[])
+}
+
 /// Whether two buffers of whole numbers are equal.
 ///
 /// # Errors
@@ -160,6 +171,14 @@ mod tests {
         assert_eq!(compare([0.0; 2], [1.0; 2], &[]).unwrap().cosine, 0.0);
         // What is masked does not turn the vector.
         assert_eq!(compare([3.0, 4.0], [3.0, -9.0], &[false, true]).unwrap().cosine, 1.0);
+    }
+
+    #[test]
+    fn large_numbers_are_compared_relative_to_themselves_small_ones_to_one() {
+        let deviation = compare_to_size(&[1e4, 0.5], &[1e4 + 1.0, 0.5 + 1e-5]).unwrap();
+        assert!((deviation.max_abs - 1e-4).abs() < 1e-9 && deviation.worst == 0, "{deviation:?}");
+        assert_eq!(compare_to_size(&[1.0], &[]), Err(Mismatch::Length { expected: 1, found: 0 }));
+        assert_eq!(compare_to_size(&[1.0], &[1.0, 2.0]), Err(Mismatch::Length { expected: 1, found: 2 }));
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub mod sort;
 pub mod tile_ranges;
 
 pub use case::{Case, Expected, GoldenGradient, Loss};
-pub use compare::{Deviation, Mismatch, compare, compare_exactly};
+pub use compare::{Deviation, Mismatch, compare, compare_exactly, compare_to_size};
 pub use error::{Error, Result};
 pub use naive::{
     PixelGradients, Projected, Reference, ReferenceEllipsoids, ReferenceGradients, Solid, Variable, backward,

@@ -152,12 +152,6 @@ pub fn reference_gradient_bound(deviation: &Deviation) -> f64 {
     REFERENCE_GRADIENT * deviation.largest + REFERENCE_GRADIENT_ABSOLUTE
 }
 
-/// Bound on the largest deviation of gs-reference from a golden image.
-#[must_use]
-pub fn reference_bound(deviation: &Deviation) -> f64 {
-    REFERENCE_IMAGE * deviation.largest.max(1.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

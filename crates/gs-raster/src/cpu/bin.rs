@@ -3,8 +3,6 @@
 use super::Grid;
 use super::project::{BATCH, Splats};
 use super::span::{Span, Tiles};
-use crate::settings::INTERSECTIONS_MAX;
-use crate::{Error, Result};
 use rayon::prelude::*;
 
 /// Splats per task, at least. In large pictures it is one per tile, so that what is kept per chunk and tile takes no more
@@ -38,11 +36,7 @@ pub(super) fn chunk_size(grid: Grid) -> usize {
 
 impl Bins {
     /// Lists the splats of `order`, indices near to far; what was here is forgotten.
-    pub(super) fn list(&mut self, splats: &Splats, order: &[u32], grid: Grid) -> Result<()> {
-        let found = splats.intersections();
-        if found > INTERSECTIONS_MAX {
-            return Err(Error::TooManyIntersections { found, limit: INTERSECTIONS_MAX });
-        }
+    pub(super) fn list(&mut self, splats: &Splats, order: &[u32], grid: Grid) {
         self.used = order.len().div_ceil(chunk_size(grid));
         if self.chunks.len() < self.used {
             self.chunks.resize_with(self.used, Lists::default);
@@ -51,7 +45,6 @@ impl Bins {
             .par_iter_mut()
             .zip(order.par_chunks(chunk_size(grid)))
             .for_each(|(lists, order)| lists.list(splats, order, grid));
-        Ok(())
     }
 
     /// The splats of one tile, near to far, in pieces.

@@ -2,8 +2,9 @@
 
 use super::footprint::{Columns, Footprint, View};
 use super::{Grid, TILE, sh};
+use crate::StageSeconds;
+use crate::settings::{ELLIPSOID_AMBIENT, INTERSECTIONS_MAX};
 use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, Error, RenderSettings, RenderStats, Rendering, Result};
-use crate::{StageSeconds, settings::INTERSECTIONS_MAX};
 use glam::{DVec2, DVec3};
 use gs_scene::{Camera, Gaussians, Image, sh_coefficients};
 use multiversion::multiversion;
@@ -12,8 +13,6 @@ use std::time::Instant;
 
 /// Gaussians per task.
 const CHUNK: usize = 4096;
-/// Share of the colour that a surface keeps which is seen edge-on.
-const AMBIENT: f64 = 0.3;
 /// σ².
 const SQUARE: f64 = (ELLIPSOID_SIGMA * ELLIPSOID_SIGMA) as f64;
 
@@ -230,7 +229,8 @@ impl Ellipsoid {
         let across = slope * focal / self.z;
         let normal = (-across).extend(rise + across.dot((self.mean - principal) / focal));
         let cosine = normal.dot(ray).abs() / (normal.length() * ray.length()).max(f64::MIN_POSITIVE);
-        AMBIENT + (1.0 - AMBIENT) * cosine.min(1.0)
+        let ambient = f64::from(ELLIPSOID_AMBIENT);
+        ambient + (1.0 - ambient) * cosine.min(1.0)
     }
 }
 

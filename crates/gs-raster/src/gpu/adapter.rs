@@ -21,6 +21,8 @@ pub struct GpuOptions {
     pub adapter: AdapterChoice,
     /// Fill every buffer with NaN before use, so that a pass that relies on what it did not write is found out. For tests.
     pub poison: bool,
+    /// The largest buffer that a pass may use, bytes, if that is to be less than what the adapter offers.
+    pub largest_binding: Option<u64>,
 }
 
 /// An adapter, and what it can hold.
@@ -36,13 +38,14 @@ pub struct AdapterDescription {
     pub driver: String,
     /// Largest buffer that a pass can use, bytes.
     pub largest_binding: u64,
+    is_real: bool,
 }
 
 impl AdapterDescription {
     /// Whether `Device::Auto` may take it: a real GPU.
     #[must_use]
     pub fn is_real(&self) -> bool {
-        self.kind.ends_with("GPU")
+        self.is_real
     }
 
     /// The most Gaussians of an SH degree whose buffers the adapter can use.
@@ -68,8 +71,8 @@ fn enumerate() -> Vec<wgpu::Adapter> {
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
 }
 
-/// The best adapter of those that come into question.
-pub(super) fn choose(choice: AdapterChoice) -> Result<wgpu::Adapter> {
+/// The adapters that come into question, at least one, the best first.
+pub(super) fn choose(choice: AdapterChoice) -> Result<Vec<wgpu::Adapter>> {
     let adapters = enumerate();
     let names: Vec<String> = adapters
         .iter()
@@ -85,12 +88,16 @@ pub(super) fn choose(choice: AdapterChoice) -> Result<wgpu::Adapter> {
         wgpu::DeviceType::Other | wgpu::DeviceType::Cpu if choice == AdapterChoice::OrSoftware => Some(3),
         _ => None,
     };
-    let ranked = adapters.into_iter().filter_map(|adapter| Some((rank(&adapter)?, adapter)));
-    // The first of the best: `min_by_key` keeps the order in which the system names them.
-    let best = ranked.min_by_key(|(rank, _)| *rank).map(|(_, adapter)| adapter);
-    best.ok_or_else(|| Error::NoAdapter {
-        found: if names.is_empty() { "none at all".to_owned() } else { format!("only {}", names.join(", ")) },
-    })
+    let mut ranked: Vec<_> =
+        adapters.into_iter().filter_map(|adapter| Some((rank(&adapter)?, adapter))).collect();
+    if ranked.is_empty() {
+        let found =
+            if names.is_empty() { "none at all".to_owned() } else { format!("only {}", names.join(", ")) };
+        return Err(Error::NoAdapter { found });
+    }
+    // A stable sort: equals stay in the order in which the system names them.
+    ranked.sort_by_key(|(rank, _)| *rank);
+    Ok(ranked.into_iter().map(|(_, adapter)| adapter).collect())
 }
 
 /// What an adapter says of itself.
@@ -108,5 +115,9 @@ pub(super) fn describe(adapter: &wgpu::Adapter) -> AdapterDescription {
         backend: format!("{:?}", info.backend),
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
         largest_binding: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
+        is_real: matches!(
+            info.device_type,
+            wgpu::DeviceType::DiscreteGpu | wgpu::DeviceType::IntegratedGpu | wgpu::DeviceType::VirtualGpu
+        ),
     }
 }

@@ -5,7 +5,7 @@ use super::forward::{Tape, ViewTape};
 use super::passes::StoredSums;
 use super::pool::Use;
 use super::upload::Upload;
-use crate::{Gradients, PixelGradients, PoseGradient, Result};
+use crate::{Error, Gradients, PixelGradients, PoseGradient, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::Camera;
 use gs_shaders::{PAIR_GRADS, PIXEL_GRADS, POSE_SUMS, WORKGROUP};
@@ -19,6 +19,9 @@ impl Gpu {
         pixels: &[PixelGradients],
         gradients: &mut Gradients,
     ) -> Result<()> {
+        if !self.pool.owns(&tape.upload.geometry) {
+            return Err(Error::OtherDevice);
+        }
         // Zeroed by the upload, whatever was in the buffers before.
         let sums = StoredSums {
             geometry: self.pool.storage(&gradients.geometry),
@@ -57,7 +60,8 @@ impl Gpu {
         let groups = upload.n.div_ceil(WORKGROUP);
         let pose_sums = self.pool.take(Use::Storage, u64::from(groups) * row(POSE_SUMS));
         let mut recording = self.recording();
-        self.rasterize_backward(&mut recording, &view.buffers, &pixel_grads, &pair_grads);
+        let by_depth = pixels.depth.is_some();
+        self.rasterize_backward(&mut recording, &view.buffers, &pixel_grads, &pair_grads, by_depth);
         self.project_backward(&mut recording, upload, &view.buffers, &pair_grads, sums, &pose_sums);
         let staged = self.stage(&mut recording, &pose_sums);
         self.submit(recording)?;

@@ -17,13 +17,15 @@ pub struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) pool: Pool,
-    pub(super) limits: wgpu::Limits,
     /// Pairs of Gaussian and tile for which the last frame had room.
     pub(super) pair_capacity: u32,
-    pipelines: HashMap<(&'static str, Vec<u64>), Arc<Pipeline>>,
+    pipelines: Mutex<HashMap<PipelineKey, Arc<Pipeline>>>,
     /// The first error that no call returned.
     failure: Arc<Mutex<Option<wgpu::Error>>>,
 }
+
+/// Entry point, and the bits of its overrides.
+type PipelineKey = (&'static str, Vec<u64>);
 
 #[derive(Debug)]
 struct Pipeline {
@@ -52,24 +54,31 @@ impl Gpu {
     /// # Errors
     /// If there is none, it cannot be started, or it renders a tiny scene other than it should.
     pub fn new(options: &GpuOptions) -> Result<Self> {
-        let mut gpu = Self::untested(options)?;
-        gpu.self_test()?;
-        Ok(gpu)
+        let mut failures = Vec::new();
+        for adapter in adapter::choose(options.adapter)? {
+            let tested = Self::untested(&adapter, options).and_then(|mut gpu| gpu.self_test().map(|()| gpu));
+            match tested {
+                Ok(gpu) => return Ok(gpu),
+                Err(error) => failures.push(error),
+            }
+        }
+        // That of the best adapter says most.
+        Err(failures.swap_remove(0))
     }
 
-    fn untested(options: &GpuOptions) -> Result<Self> {
-        let adapter = adapter::choose(options.adapter)?;
+    fn untested(adapter: &wgpu::Adapter, options: &GpuOptions) -> Result<Self> {
+        let mut about = adapter::describe(adapter);
         let offered = adapter.limits();
+        about.largest_binding = about.largest_binding.min(options.largest_binding.unwrap_or(u64::MAX));
         // WebGPU's defaults, but as much memory as there is.
         let limits = wgpu::Limits {
-            max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
+            max_storage_buffer_binding_size: about.largest_binding,
             max_buffer_size: offered.max_buffer_size,
             ..wgpu::Limits::default()
         };
-        let about = adapter::describe(&adapter);
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("gs-raster"),
-            required_limits: limits.clone(),
+            required_limits: limits,
             ..wgpu::DeviceDescriptor::default()
         }))
         .map_err(|source| Error::Device { adapter: about.name.clone(), source: Box::new(source) })?;
@@ -79,7 +88,7 @@ impl Gpu {
             seen.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         }));
         let pool = Pool::new(&device, &queue, options.poison);
-        Ok(Self { about, device, queue, pool, limits, pair_capacity: 0, pipelines: HashMap::new(), failure })
+        Ok(Self { about, device, queue, pool, pair_capacity: 0, pipelines: Mutex::default(), failure })
     }
 
     /// The adapter that is used.
@@ -149,7 +158,7 @@ impl Gpu {
 
     /// An error that names the buffer if it does not fit the device.
     pub(super) fn check_size(&self, what: &'static str, bytes: u64) -> Result<()> {
-        let limit = self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size);
+        let limit = self.about.largest_binding;
         if bytes > limit { Err(Error::TooLargeForGpu { what, bytes, limit }) } else { Ok(()) }
     }
 
@@ -202,14 +211,15 @@ impl Gpu {
 
     /// The pipeline of an entry point, compiled on first use.
     fn pipeline(
-        &mut self,
+        &self,
         pass: &'static Pass,
         entry_point: &'static EntryPoint,
         features: Features,
     ) -> Arc<Pipeline> {
         let constants = pass.constants(features);
         let key = (entry_point.name, constants.iter().map(|(_, value)| value.to_bits()).collect());
-        if let Some(pipeline) = self.pipelines.get(&key) {
+        let mut pipelines = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(pipeline) = pipelines.get(&key) {
             return Arc::clone(pipeline);
         }
         let entries: Vec<wgpu::BindGroupLayoutEntry> = entry_point
@@ -255,7 +265,7 @@ impl Gpu {
             cache: None,
         });
         let pipeline = Arc::new(Pipeline { pipeline, layout });
-        self.pipelines.insert(key, Arc::clone(&pipeline));
+        pipelines.insert(key, Arc::clone(&pipeline));
         pipeline
     }
 
@@ -294,7 +304,12 @@ impl Gpu {
     pub(super) fn failed(&self) -> Result<()> {
         match self.failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
             None => Ok(()),
-            Some(source) => Err(Error::Gpu { adapter: self.about.name.clone(), source: Box::new(source) }),
+            Some(source) => {
+                // What was made while it failed may be of no use; the next call makes it anew.
+                self.pool.forget();
+                self.pipelines.lock().unwrap_or_else(PoisonError::into_inner).clear();
+                Err(Error::Gpu { adapter: self.about.name.clone(), source: Box::new(source) })
+            }
         }
     }
 }

@@ -8,8 +8,8 @@ use super::upload::Upload;
 use crate::{Error, RenderSettings, RenderStats, Rendering, Result, StageSeconds, Style};
 use gs_scene::{Camera, Gaussians, Image};
 use gs_shaders::{
-    Features, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, REJECTED, Splat, Surface, TILE, VISIBLE,
-    WORKGROUP,
+    Features, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PIXEL_GRADS, REJECTED, Splat, Surface, TILE,
+    VISIBLE, WORKGROUP,
 };
 use std::time::Instant;
 
@@ -97,23 +97,25 @@ impl Gpu {
         }
         let n_pixels = camera.width() * camera.height();
         self.check_size("pixels", (n_pixels * numbers_per_pixel(settings) * size_of::<f32>()) as u64)?;
+        if train {
+            self.check_size("pixel gradients", (n_pixels * PIXEL_GRADS * size_of::<f32>()) as u64)?;
+        }
         let per_pair = if train { PAIR_GRADS } else { 1 } * size_of::<f32>();
         let most =
-            self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size) / per_pair as u64;
-        let most = most.min(crate::settings::INTERSECTIONS_MAX) as u32;
-        self.pair_capacity = self.pair_capacity.max(4 * upload.n).max(WORKGROUP).min(most);
+            (self.about.largest_binding / per_pair as u64).min(crate::settings::INTERSECTIONS_MAX) as u32;
+        let mut capacity = self.pair_capacity.max(upload.n.saturating_mul(4)).max(WORKGROUP).min(most);
         loop {
-            let capacity = self.pair_capacity;
             let (rendering, tape) = self.try_view(upload, camera, settings, train, capacity)?;
             let found = rendering.stats.intersections;
-            if found <= u64::from(capacity) {
-                return Ok((rendering, tape));
-            }
             if found > u64::from(most) {
                 return Err(Error::TooManyIntersections { found, limit: u64::from(most) });
             }
             // A quarter more, so that the next view need not be done twice as well.
             self.pair_capacity = (found + found / 4).min(u64::from(most)) as u32;
+            if found <= u64::from(capacity) {
+                return Ok((rendering, tape));
+            }
+            capacity = self.pair_capacity;
         }
     }
 

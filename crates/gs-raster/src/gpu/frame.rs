@@ -1,10 +1,12 @@
 //! The uniform that all passes of a view share.
 
+use crate::settings::ELLIPSOID_AMBIENT;
 use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, Style};
 use gs_scene::Camera;
-use gs_shaders::{Frame, TILE};
+use gs_shaders::{AMBIENT, Frame, TILE};
 
 const _: () = assert!(TILE as usize == crate::TILE, "pictures are cut alike on CPU and GPU");
+const _: () = assert!(AMBIENT == ELLIPSOID_AMBIENT, "ellipsoids are lit alike on CPU and GPU");
 
 /// The frame of a view of a scene.
 pub(super) fn frame(
@@ -40,7 +42,8 @@ pub(super) fn frame(
         size,
         tiles: size.map(|pixels| pixels.div_ceil(TILE)),
         background: settings.background,
-        far: settings.far,
+        // WGSL may assume that there are no infinities.
+        far: settings.far.min(f32::MAX),
         eps2d: settings.eps2d,
         alpha_max: settings.alpha_max,
         alpha_min: match settings.style {

@@ -14,6 +14,9 @@ pub(super) enum Use {
     Readback,
 }
 
+/// Free buffers that are kept at most; the oldest goes first.
+const FREE_MAX: usize = 64;
+
 /// A set of free buffers; clones share it.
 #[derive(Debug, Clone)]
 pub(super) struct Pool {
@@ -50,7 +53,7 @@ impl Pool {
             *other == usage && (size..=2 * size).contains(&buffer.size())
         };
         let buffer = match free.iter().position(fits) {
-            Some(place) => free.swap_remove(place).1,
+            Some(place) => free.remove(place).1,
             None => self.device.create_buffer(&wgpu::BufferDescriptor {
                 label: None,
                 size,
@@ -71,6 +74,16 @@ impl Pool {
             self.queue.write_buffer(&buffer, 0, &vec![0xff; buffer.size() as usize]);
         }
         Pooled { usage, bytes, buffer, home: Arc::clone(&self.free) }
+    }
+
+    /// Drops what is free.
+    pub(super) fn forget(&self) {
+        self.free.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
+    /// Whether a buffer is of this pool.
+    pub(super) fn owns(&self, buffer: &Pooled) -> bool {
+        Arc::ptr_eq(&self.free, &buffer.home)
     }
 
     /// A storage buffer with `data` in it.
@@ -108,6 +121,9 @@ impl Deref for Pooled {
 impl Drop for Pooled {
     fn drop(&mut self) {
         let mut free = self.home.lock().unwrap_or_else(PoisonError::into_inner);
+        if free.len() == FREE_MAX {
+            free.remove(0);
+        }
         free.push((self.usage, self.buffer.clone()));
     }
 }

@@ -12,7 +12,8 @@ use gs_raster::{Gradients, Rasterizer, Rendering};
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 
 /// Any adapter, and NaN in every buffer before use.
-pub(crate) const OPTIONS: GpuOptions = GpuOptions { adapter: AdapterChoice::OrSoftware, poison: true };
+pub(crate) const OPTIONS: GpuOptions =
+    GpuOptions { adapter: AdapterChoice::OrSoftware, poison: true, largest_binding: None };
 
 /// The GPU of these tests, which all share so that each finds the buffers that others left.
 fn gpu() -> MutexGuard<'static, Rasterizer> {

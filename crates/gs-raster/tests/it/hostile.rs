@@ -144,7 +144,7 @@ fn a_setting_out_of_range_is_an_error() {
 }
 
 /// Numbers that break things, and ordinary ones.
-fn hostile() -> impl Strategy<Value = f32> {
+pub(crate) fn hostile() -> impl Strategy<Value = f32> {
     prop_oneof![
         4 => -3.0..3.0f32,
         1 => prop::sample::select(vec![
@@ -179,33 +179,12 @@ proptest! {
 
     #[test]
     fn any_bits_give_finite_gradients(
-        rows in prop::collection::vec((prop::array::uniform11(hostile()), prop::array::uniform12(hostile())), 1..6),
+        rows in hostile_rows(),
         pixels in prop::collection::vec(hostile(), 16),
         antialias: bool,
         near in prop::sample::select(vec![0.0f32, 0.2]),
     ) {
-        let geometry: Vec<f32> = rows.iter().flat_map(|row| row.0).collect();
-        let sh: Vec<f32> = rows.iter().flat_map(|row| row.1).collect();
-        let scene = Gaussians::new(1, geometry, sh).expect("valid");
-        let settings = RenderSettings { depth: true, antialias, near, ..RenderSettings::default() };
-        let mut rasterizer = Rasterizer::cpu();
-        let (views, tape) = rasterizer.record(&scene, &[camera()], &settings).expect("valid");
-        prop_assert!(views[0].depth.iter().flatten().chain(views[0].image.data()).all(|value| value.is_finite()));
-        let plane = |length: usize| -> Vec<f32> {
-            (0..length).map(|i| pixels[(i * 7) % 16]).map(|value| if value.is_finite() { value } else { 1.0 }).collect()
-        };
-        let size = 27 * 18;
-        let pixels = PixelGradients { image: plane(size * 3), alpha: Some(plane(size)), depth: Some(plane(size)) };
-        let found = rasterizer.backward(&scene, &tape, &[pixels]).expect("valid");
-        prop_assert!(found.geometry.iter().chain(&found.sh).all(|value| value.is_finite()));
-        let pose = found.poses[0];
-        prop_assert!(pose.rotation.is_finite() && pose.translation.is_finite());
-        prop_assert!(found.background.iter().all(|value| value.is_finite()));
-        for (row, by) in rows.iter().zip(found.geometry.chunks_exact(11)) {
-            if row.0.iter().chain(&row.1).any(|value| !value.is_finite()) || row.0[2] <= 0.0 {
-                prop_assert!(by.iter().all(|&value| value == 0.0));
-            }
-        }
+        finite_gradients(&mut Rasterizer::cpu(), &rows, &pixels, antialias, near)?;
     }
 }
 
@@ -226,4 +205,47 @@ fn extreme_pixel_gradients_scale_the_result_and_no_more() {
     }
     assert!(gradients(f32::MAX).iter().all(|value| value.is_finite()));
     assert!(gradients(0.0).iter().all(|&value| value == 0.0));
+}
+
+/// A Gaussian of SH degree 1: geometry and coefficients.
+pub(crate) type HostileRow = ([f32; 11], [f32; 12]);
+
+pub(crate) fn hostile_rows() -> impl Strategy<Value = Vec<HostileRow>> {
+    prop::collection::vec((prop::array::uniform11(hostile()), prop::array::uniform12(hostile())), 1..6)
+}
+
+/// Whether picture and gradients of a scene are finite, given some of the pixels' gradients.
+pub(crate) fn finite_gradients(
+    rasterizer: &mut Rasterizer,
+    rows: &[HostileRow],
+    pixels: &[f32],
+    antialias: bool,
+    near: f32,
+) -> Result<(), TestCaseError> {
+    let geometry: Vec<f32> = rows.iter().flat_map(|row| row.0).collect();
+    let sh: Vec<f32> = rows.iter().flat_map(|row| row.1).collect();
+    let scene = Gaussians::new(1, geometry, sh).expect("valid");
+    let settings = RenderSettings { depth: true, antialias, near, ..RenderSettings::default() };
+    let (views, tape) = rasterizer.record(&scene, &[camera()], &settings).expect("valid");
+    prop_assert!(views[0].depth.iter().flatten().chain(views[0].image.data()).all(|value| value.is_finite()));
+    let plane = |length: usize| -> Vec<f32> {
+        (0..length)
+            .map(|i| pixels[(i * 7) % 16])
+            .map(|value| if value.is_finite() { value } else { 1.0 })
+            .collect()
+    };
+    let size = 27 * 18;
+    let pixels =
+        PixelGradients { image: plane(size * 3), alpha: Some(plane(size)), depth: Some(plane(size)) };
+    let found = rasterizer.backward(&scene, &tape, &[pixels]).expect("valid");
+    prop_assert!(found.geometry.iter().chain(&found.sh).all(|value| value.is_finite()));
+    let pose = found.poses[0];
+    prop_assert!(pose.rotation.is_finite() && pose.translation.is_finite());
+    prop_assert!(found.background.iter().all(|value| value.is_finite()));
+    for (row, by) in rows.iter().zip(found.geometry.chunks_exact(11)) {
+        if row.0.iter().chain(&row.1).any(|value| !value.is_finite()) || row.0[2] <= 0.0 {
+            prop_assert!(by.iter().all(|&value| value == 0.0));
+        }
+    }
+    Ok(())
 }

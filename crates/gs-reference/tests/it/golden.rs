@@ -2,10 +2,11 @@
 //! to keep the repository small.
 
 use gs_reference::tolerance::{
-    AMBIGUOUS, REFERENCE_INTERMEDIATE, REFERENCE_LOSS, reference_bound, reference_gradient_bound,
+    AMBIGUOUS, REFERENCE_IMAGE, REFERENCE_INTERMEDIATE, REFERENCE_LOSS, reference_gradient_bound,
 };
 use gs_reference::{
-    Case, Projected, Reference, ReferenceGradients, backward, compare, compare_exactly, project, render,
+    Case, Projected, Reference, ReferenceGradients, backward, compare, compare_exactly, compare_to_size,
+    project, render,
 };
 use std::path::{Path, PathBuf};
 
@@ -50,8 +51,8 @@ fn images_equal_the_golden_ones() {
             ("depth", &expected.depth, &found.depth),
         ];
         for (output, expected, found) in outputs {
-            let deviation = compare(expected.iter().copied(), found.iter().copied(), &[]).unwrap();
-            assert!(deviation.max_abs <= reference_bound(&deviation), "{name} {output}: {deviation:?}");
+            let deviation = compare_to_size(expected, found).unwrap();
+            assert!(deviation.max_abs <= REFERENCE_IMAGE, "{name} {output}: {deviation:?}");
         }
         compare_exactly(&expected.contributors, &found.contributors)
             .unwrap_or_else(|e| panic!("{name} contributors: {e}"));
@@ -143,8 +144,8 @@ fn a_wrong_scene_is_noticed() {
     let case = Case::read(&files()[1]).unwrap();
     let mut mutant = case.clone();
     mutant.gaussians.buffers_mut().0[0] += 1e-3;
-    let deviation = compare(case.expected.image, rendered(&mutant).image, &[]).unwrap();
-    assert!(deviation.max_abs > reference_bound(&deviation));
+    let deviation = compare_to_size(&case.expected.image, &rendered(&mutant).image).unwrap();
+    assert!(deviation.max_abs > REFERENCE_IMAGE);
     for (i, loss) in case.losses.iter().enumerate() {
         let found = differentiated(&mutant, i);
         for golden in &loss.gradients {

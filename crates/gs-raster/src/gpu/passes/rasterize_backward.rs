@@ -1,16 +1,17 @@
 use crate::gpu::context::{Gpu, Recording};
 use crate::gpu::forward::Buffers;
 use crate::gpu::pool::Pooled;
-use gs_shaders::RASTERIZE_BACKWARD;
+use gs_shaders::{Features, RASTERIZE_BACKWARD};
 
 impl Gpu {
-    /// Gradients by pixels to sums per pair of Gaussian and tile.
+    /// Gradients by pixels to sums per pair of Gaussian and tile; those `by_depth` only if there are any.
     pub(in crate::gpu) fn rasterize_backward(
         &mut self,
         recording: &mut Recording,
         view: &Buffers,
         pixel_grads: &Pooled,
         pair_grads: &Pooled,
+        by_depth: bool,
     ) {
         recording.encoder.clear_buffer(pair_grads, 0, None);
         let buffers = [
@@ -24,6 +25,7 @@ impl Gpu {
             Some(pair_grads),
         ];
         let (pass, tiles) = (&RASTERIZE_BACKWARD, view.frame.tiles);
-        self.dispatch(recording, pass, "rasterize_backward", view.features, tiles, &buffers);
+        let features = Features { depth: by_depth, ..view.features };
+        self.dispatch(recording, pass, "rasterize_backward", features, tiles, &buffers);
     }
 }

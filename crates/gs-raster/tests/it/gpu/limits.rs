@@ -1,7 +1,8 @@
 //! What cannot be done is an error that says so, and the GPU goes on after it.
 
-use super::gpu;
+use super::{OPTIONS, another_gpu, gpu};
 use glam::{DMat3, DVec3};
+use gs_raster::gpu::GpuOptions;
 use gs_raster::{Error, PixelGradients, Rasterizer, RenderSettings};
 use gs_reference::compare;
 use gs_reference::tolerance::F32_WITHOUT_FLOOR;
@@ -26,6 +27,11 @@ fn loss(camera: &Camera) -> PixelGradients {
     PixelGradients { image: vec![0.5; camera.width() * camera.height() * 3], alpha: None, depth: None }
 }
 
+/// One that binds a mebibyte.
+fn smaller_gpu() -> Rasterizer {
+    Rasterizer::gpu(&GpuOptions { largest_binding: Some(1 << 20), ..OPTIONS }).expect("an adapter")
+}
+
 /// A failed call leaves nothing behind.
 fn still_renders(gpu: &mut Rasterizer) {
     let (scene, camera) = (scene(1, -1.0), camera(20, 20));
@@ -38,9 +44,9 @@ fn still_renders(gpu: &mut Rasterizer) {
 #[test]
 #[ignore = "gpu"]
 fn too_many_intersections() {
-    // 256 × 256 tiles, each touched by every Gaussian; then more than 2³² in all.
-    for (n, side) in [(5000, 4096), (70_000, 4096)] {
-        let (scene, camera) = (scene(n, 20.0), camera(side, side / 4));
+    // 256 × 64 tiles, each touched by every Gaussian: more than are listed, then more than 2³².
+    for n in [20_000, 280_000] {
+        let (scene, camera) = (scene(n, 20.0), camera(4096, 1024));
         let mut gpu = gpu();
         match gpu.render(&scene, &camera, &RenderSettings::default()) {
             Err(Error::TooManyIntersections { found, limit }) => {
@@ -76,16 +82,26 @@ fn a_picture_that_is_too_large() {
 #[test]
 #[ignore = "gpu"]
 fn a_scene_that_is_too_large() {
-    let mut gpu = gpu();
+    let mut gpu = smaller_gpu();
     let most = gpu.adapter().expect("a GPU").most_gaussians(0);
-    if most > 10_000_000 {
-        println!("this adapter takes {most} Gaussians; a scene of more is not made for a test");
-        return;
-    }
+    assert_eq!(most, (1 << 20) / 56, "footprints are the largest");
     let scene = scene(most as usize + 1, -1.0);
     match gpu.render(&scene, &camera(20, 10), &RenderSettings::default()) {
         Err(Error::TooLargeForGpu { bytes, limit, .. }) => assert!(bytes > limit),
         other => panic!("{:?}", other.map(|view| view.stats)),
+    }
+    still_renders(&mut gpu);
+}
+
+#[test]
+#[ignore = "gpu"]
+fn a_picture_that_is_too_large_to_be_differentiated() {
+    // Four numbers per pixel fit, the six of its gradients do not.
+    let (mut gpu, scene, camera) = (smaller_gpu(), scene(1, -1.0), camera(250, 200));
+    assert!(gpu.render(&scene, &camera, &RenderSettings::default()).is_ok());
+    match gpu.record(&scene, &[camera], &RenderSettings::default()) {
+        Err(Error::TooLargeForGpu { what: "pixel gradients", bytes: 1_200_000, limit: 1_048_576 }) => {}
+        other => panic!("{:?}", other.map(|(views, _)| views[0].stats)),
     }
     still_renders(&mut gpu);
 }
@@ -162,12 +178,13 @@ fn pixel_gradients_that_do_not_fit_what_was_recorded() {
 #[test]
 #[ignore = "gpu"]
 fn huge_pixel_gradients_give_finite_gradients() {
-    let (scene, camera) = (scene(3, -1.0), camera(20, 10));
+    let (scene, camera) = (scene(300, -1.0), camera(20, 10));
     let mut gpu = gpu();
-    let (_, tape) = gpu.record(&scene, &[camera], &RenderSettings::default()).expect("valid");
-    for value in [f32::MAX, -f32::MAX, 1e30, 1e-40] {
+    // Sums over many Gaussians and two views leave the range of f32, too.
+    let (_, tape) = gpu.record(&scene, &[camera, camera], &RenderSettings::default()).expect("valid");
+    for value in [f32::MAX, -f32::MAX, 1e37, 1e36, 1e30, 1e-40] {
         let loss = PixelGradients { image: vec![value; 600], alpha: Some(vec![-value; 200]), depth: None };
-        let gradients = gpu.backward(&scene, &tape, &[loss]).expect("valid");
+        let gradients = gpu.backward(&scene, &tape, &[loss.clone(), loss]).expect("valid");
         assert!(gradients.geometry.iter().chain(&gradients.sh).all(|value| value.is_finite()), "{value}");
         let pose = gradients.poses[0];
         assert!(pose.rotation.is_finite() && pose.translation.is_finite(), "{value}");
@@ -181,6 +198,9 @@ fn a_tape_of_another_device() {
     let (scene, camera) = (scene(2, -1.0), camera(20, 10));
     let settings = RenderSettings::default();
     let (_, tape) = Rasterizer::cpu().record(&scene, &[camera], &settings).expect("valid");
+    let found = gpu().backward(&scene, &tape, &[loss(&camera)]);
+    assert!(matches!(found, Err(Error::OtherDevice)), "{found:?}");
+    let (_, tape) = another_gpu().record(&scene, &[camera], &settings).expect("valid");
     let found = gpu().backward(&scene, &tape, &[loss(&camera)]);
     assert!(matches!(found, Err(Error::OtherDevice)), "{found:?}");
 }
