@@ -83,7 +83,16 @@ const CI: [Step; 6] = [
     Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
     Step::Cargo(
         "clippy without the GPU path",
-        &["clippy", "--package", "gs-raster", "--no-default-features", "--", "-D", "warnings"],
+        &[
+            "clippy",
+            "--package",
+            "gs-raster",
+            "--no-default-features",
+            "--all-targets",
+            "--",
+            "-D",
+            "warnings",
+        ],
         &[],
     ),
     Step::Cargo("test", &["xtask", "test", "--gpu"], &[]),

@@ -1,3 +1,5 @@
+//! What can go wrong.
+
 /// What can be wrong with a request to render.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -130,7 +132,9 @@ pub enum Error {
     },
     /// The adapter failed.
     #[cfg(feature = "gpu")]
-    #[error("the adapter {adapter} failed; render on the CPU, or a smaller scene")]
+    #[error(
+        "the adapter {adapter} failed; if it is short of memory, render a smaller scene, else on the CPU"
+    )]
     Gpu {
         /// Name of the adapter.
         adapter: String,

@@ -1,3 +1,5 @@
+//! What goes into the backward pass and what comes out.
+
 use crate::{Error, RenderSettings, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, Gaussians};

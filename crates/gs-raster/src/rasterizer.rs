@@ -1,3 +1,5 @@
+//! The one way to render and to differentiate, on whatever device.
+
 #[cfg(feature = "gpu")]
 use crate::gpu::{self, AdapterChoice, Gpu, GpuOptions};
 use crate::{Error, Gradients, PixelGradients, RenderSettings, Rendering, Result, Style, cpu};

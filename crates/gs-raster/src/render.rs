@@ -1,3 +1,5 @@
+//! What a rendering consists of.
+
 use gs_scene::Image;
 use serde::Serialize;
 

@@ -1,3 +1,5 @@
+//! How to render, and the limits of it.
+
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 

@@ -1,3 +1,5 @@
+//! Golden cases from files.
+
 mod axes;
 mod tensors;
 

@@ -1,3 +1,5 @@
+//! Comparators: how far two buffers lie apart, or why that cannot be said.
+
 use std::fmt;
 
 /// How far two buffers lie apart.

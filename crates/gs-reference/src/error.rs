@@ -1,3 +1,5 @@
+//! What can be wrong with a golden file.
+
 use safetensors::tensor::Dtype;
 use std::path::PathBuf;
 

@@ -1,3 +1,5 @@
+//! What renderers of this family disagree in.
+
 use glam::DVec3;
 
 /// What renderers of this family disagree in. The default is the reference profile, in which every

@@ -1,3 +1,5 @@
+//! Cases whose spherical harmonics have other axes.
+
 use super::Case;
 use crate::{ShAxes, Variable};
 use glam::{DMat3, DQuat};

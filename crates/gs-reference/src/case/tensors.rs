@@ -1,3 +1,5 @@
+//! The tensors of a file, checked.
+
 use crate::{Error, Result};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};

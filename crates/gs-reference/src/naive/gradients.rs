@@ -1,3 +1,5 @@
+//! Gradients of the naive renderer, and how they are named.
+
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 
 /// Derivatives of a loss by the pixels of a rendering, row-major.

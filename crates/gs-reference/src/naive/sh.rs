@@ -1,3 +1,5 @@
+//! Spherical harmonics in f64.
+
 use glam::DVec3;
 
 /// The real spherical harmonics of degree 0 to 3 with the Condon–Shortley sign, m = -l..l, at a unit direction; sixteen

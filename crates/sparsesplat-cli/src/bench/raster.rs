@@ -131,9 +131,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     Ok(())
 }
 
-/// One thread, and all that work.
+/// One thread, two, and all that work.
 fn pools() -> Outcome<Vec<ThreadPool>> {
-    let mut counts = vec![1, threads()];
+    let mut counts = vec![1, 2.min(threads()), threads()];
     counts.dedup();
     counts.into_iter().map(|n| ThreadPoolBuilder::new().num_threads(n).build().or_work()).collect()
 }

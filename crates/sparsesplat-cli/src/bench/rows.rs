@@ -120,7 +120,7 @@ pub(super) fn table(rows: &[Row]) -> Table {
         "slowest",
         "on GPU",
         "frames/s",
-        "Gpairs/s",
+        "Gpairs/s at most",
         "GB/s",
         "peak GB",
         "price",

@@ -67,8 +67,9 @@ pub(super) fn examine(device: Device) -> Gpus {
 impl From<AdapterDescription> for Adapter {
     fn from(about: AdapterDescription) -> Self {
         let most_gaussians = [0, 1, 2, 3].map(|degree| about.most_gaussians(degree));
-        let AdapterDescription { name, kind, backend, driver, largest_binding: largest_binding_bytes } =
-            about;
+        let AdapterDescription {
+            name, kind, backend, driver, largest_binding: largest_binding_bytes, ..
+        } = about;
         Self { name, kind, backend, driver, largest_binding_bytes, most_gaussians }
     }
 }

@@ -1,3 +1,5 @@
+//! Dispatch of the pass `bin`: pairs of Gaussian and tile.
+
 use super::NO_FEATURES;
 use crate::gpu::context::{Gpu, Recording, folded};
 use crate::gpu::forward::Buffers;

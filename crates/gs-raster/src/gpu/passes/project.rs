@@ -1,3 +1,5 @@
+//! Dispatch of the pass `project`: footprints.
+
 use crate::gpu::context::{Gpu, Recording, folded};
 use crate::gpu::forward::Buffers;
 use crate::gpu::upload::Upload;

@@ -1,3 +1,5 @@
+//! Dispatch of the pass `project_backward`: gradients by what is stored.
+
 use crate::gpu::context::{Gpu, Recording, folded};
 use crate::gpu::forward::Buffers;
 use crate::gpu::pool::Pooled;

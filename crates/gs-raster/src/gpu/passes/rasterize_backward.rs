@@ -1,3 +1,5 @@
+//! Dispatch of the pass `rasterize_backward`: gradients by footprints.
+
 use crate::gpu::context::{Gpu, Recording};
 use crate::gpu::forward::Buffers;
 use crate::gpu::pool::Pooled;

@@ -1,3 +1,5 @@
+//! Dispatch of the pass `rasterize_ellipsoids`: solid bodies.
+
 use super::NO_FEATURES;
 use crate::gpu::context::{Gpu, Recording};
 use crate::gpu::forward::Buffers;

@@ -1,3 +1,5 @@
+//! Dispatch of the pass `rasterize_forward`: the picture.
+
 use crate::gpu::context::{Gpu, Recording};
 use crate::gpu::forward::Buffers;
 use gs_shaders::RASTERIZE_FORWARD;

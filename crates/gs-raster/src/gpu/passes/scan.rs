@@ -1,3 +1,5 @@
+//! Dispatches of the pass `scan`: prefix sums.
+
 use super::NO_FEATURES;
 use crate::gpu::context::{Gpu, Recording, folded};
 use crate::gpu::pool::{Pooled, Use};

@@ -1,3 +1,5 @@
+//! Dispatches of the pass `sort`: a radix sort, digit by digit.
+
 use super::NO_FEATURES;
 use crate::gpu::context::{Gpu, Recording, folded};
 use crate::gpu::pool::{Pooled, Use};

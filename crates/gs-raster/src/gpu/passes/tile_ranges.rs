@@ -1,3 +1,5 @@
+//! Dispatch of the pass `tile_ranges`: where each tile begins.
+
 use super::NO_FEATURES;
 use crate::gpu::context::{Gpu, Recording, folded};
 use crate::gpu::forward::Buffers;
