@@ -20,6 +20,7 @@ use crate::{
     StageSeconds, Style, TILE,
 };
 use gs_scene::{Camera, Gaussians, Image};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// An image cut into tiles, row-major; the last column and row may reach over the edge.
@@ -45,11 +46,20 @@ impl Grid {
     }
 }
 
-/// Buffers that are kept from one frame to the next.
+/// Buffers that are kept from one frame to the next, those of dropped tapes among them.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    frame: Frame,
+    free: Arc<Mutex<Vec<Frame>>>,
 }
+
+impl Scratch {
+    fn take(&self) -> Frame {
+        self.free.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+}
+
+/// Frames that are kept at most.
+const FREE_MAX: usize = 8;
 
 /// A scene in one view before it is blended.
 #[derive(Debug, Default)]
@@ -64,6 +74,16 @@ struct Frame {
 pub(crate) struct Tape {
     frame: Frame,
     traces: Vec<blend::Trace>,
+    home: Arc<Mutex<Vec<Frame>>>,
+}
+
+impl Drop for Tape {
+    fn drop(&mut self) {
+        let mut free = self.home.lock().unwrap_or_else(PoisonError::into_inner);
+        if free.len() < FREE_MAX {
+            free.push(std::mem::take(&mut self.frame));
+        }
+    }
 }
 
 /// Renders a view.
@@ -71,10 +91,15 @@ pub(crate) fn render(
     gaussians: &Gaussians,
     camera: &Camera,
     settings: &RenderSettings,
-    scratch: &mut Scratch,
+    scratch: &Scratch,
 ) -> Result<Rendering> {
     match settings.style {
-        Style::Blended => Ok(draw(gaussians, camera, settings, &mut scratch.frame, false)?.0),
+        // A frame that is not recorded goes back as a tape does.
+        Style::Blended => {
+            let mut tape =
+                Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
+            Ok(draw(gaussians, camera, settings, &mut tape.frame, false)?.0)
+        }
         Style::Ellipsoids => ellipsoids::render(gaussians, camera, settings),
     }
 }
@@ -84,11 +109,12 @@ pub(crate) fn record(
     gaussians: &Gaussians,
     camera: &Camera,
     settings: &RenderSettings,
-    scratch: &mut Scratch,
+    scratch: &Scratch,
 ) -> Result<(Rendering, Tape)> {
-    let mut frame = std::mem::take(&mut scratch.frame);
-    let (rendering, traces) = draw(gaussians, camera, settings, &mut frame, true)?;
-    Ok((rendering, Tape { frame, traces }))
+    let mut tape = Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
+    let (rendering, traces) = draw(gaussians, camera, settings, &mut tape.frame, true)?;
+    tape.traces = traces;
+    Ok((rendering, tape))
 }
 
 fn draw(
