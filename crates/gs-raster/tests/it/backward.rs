@@ -2,23 +2,13 @@
 
 use crate::check::by;
 use crate::losses::{noise, pixels};
+use crate::scenes::backward;
 use gs_raster::{Error, Gradients, PixelGradients, Rasterizer, RenderSettings};
 use gs_reference::tolerance::F32_RANDOM_GRADIENT;
 use gs_reference::{Variable, compare};
 use gs_scene::{Camera, Gaussians};
 
 const BACKGROUND: [f32; 3] = [0.2, 0.5, 0.9];
-
-fn backward(
-    gaussians: &Gaussians,
-    camera: &Camera,
-    settings: &RenderSettings,
-    pixels: &PixelGradients,
-) -> Gradients {
-    let mut rasterizer = Rasterizer::cpu();
-    let (_, tape) = rasterizer.record(gaussians, &[*camera], settings).expect("valid");
-    rasterizer.backward(gaussians, &tape, std::slice::from_ref(pixels)).expect("valid")
-}
 
 /// A scene of random discs before the camera, all of them visible, over several tiles.
 fn discs(n: usize) -> (Gaussians, Camera) {

@@ -1,26 +1,13 @@
-//! Gradients against the f64 reference on random scenes, and what must hold of any gradient. Golden ones are in `golden`.
+//! Gradients against the f64 reference on random scenes. Golden ones are in `golden`, what must hold of any gradient in `backward`.
 
 use crate::check::settings;
 use crate::losses::{compare_gradients, pixels};
-use crate::scenes::{camera, gaussians};
-use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings};
+use crate::scenes::{backward, camera, gaussians};
 use gs_reference::Profile;
 use gs_reference::tolerance::AMBIGUOUS;
-use gs_scene::{Camera, Gaussians};
 use proptest::prelude::*;
 
 const BACKGROUND: [f32; 3] = [0.2, 0.5, 0.9];
-
-fn backward(
-    gaussians: &Gaussians,
-    camera: &Camera,
-    settings: &RenderSettings,
-    pixels: &PixelGradients,
-) -> Gradients {
-    let mut rasterizer = Rasterizer::cpu();
-    let (_, tape) = rasterizer.record(gaussians, &[*camera], settings).expect("valid");
-    rasterizer.backward(gaussians, &tape, std::slice::from_ref(pixels)).expect("valid")
-}
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]

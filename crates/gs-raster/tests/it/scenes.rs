@@ -1,7 +1,7 @@
 //! Small random scenes and cameras.
 
 use glam::{DMat3, DVec3, EulerRot};
-use gs_raster::{Rasterizer, RenderSettings, Rendering, Result};
+use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, Rendering, Result};
 use gs_scene::{Camera, Gaussians, Intrinsics};
 use proptest::prelude::*;
 
@@ -53,4 +53,16 @@ pub(crate) fn gaussians(n: usize) -> impl Strategy<Value = Gaussians> {
 /// One view on the CPU.
 pub(crate) fn render(scene: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Result<Rendering> {
     Rasterizer::cpu().render(scene, camera, settings)
+}
+
+/// The gradients of one view on the CPU.
+pub(crate) fn backward(
+    scene: &Gaussians,
+    camera: &Camera,
+    settings: &RenderSettings,
+    pixels: &PixelGradients,
+) -> Gradients {
+    let mut rasterizer = Rasterizer::cpu();
+    let (_, tape) = rasterizer.record(scene, &[*camera], settings).expect("valid");
+    rasterizer.backward(scene, &tape, std::slice::from_ref(pixels)).expect("valid")
 }
