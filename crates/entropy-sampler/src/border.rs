@@ -1,8 +1,6 @@
-use serde::{Deserialize, Serialize};
-
 /// What a window sees beyond the edge of the picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Border {
     /// The picture mirrored at its edge pixels, which are not repeated: `d c b | a b c d | c b a`, back and forth
     /// where the window is larger than the picture (numpy's `reflect`). Every window has the same number of pixels.
@@ -25,6 +23,12 @@ impl Border {
                 Some(phase.min(2 * last - phase) as usize)
             }
         }
+    }
+
+    /// What windows of `size` around `0..n` see, from `size / 2` before the first to as far after the last.
+    pub(crate) fn sources(self, n: usize, size: usize) -> Vec<Option<usize>> {
+        let radius = (size / 2) as isize;
+        (-radius..n as isize + radius).map(|i| self.source(i, n)).collect()
     }
 }
 

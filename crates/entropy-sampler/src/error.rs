@@ -54,6 +54,14 @@ pub enum Error {
     /// A budget of nothing.
     #[error("budget is 0 pixels, expected at least 1")]
     EmptyBudget,
+    /// Budgets per view that do not fit the views.
+    #[error("{found} counts, expected one for each of {expected} maps")]
+    Counts {
+        /// The number of maps.
+        expected: usize,
+        /// The number of counts.
+        found: usize,
+    },
     /// An expected count that is no count.
     #[error("expected count is {found}, it must be a finite number above 0")]
     ExpectedCount {

@@ -1,5 +1,4 @@
-use crate::{Border, EntropyWindow, Error, Result, entropy};
-use rayon::prelude::*;
+use crate::{Border, EntropyWindow, Error, Result, entropy, parallel};
 
 /// How much each pixel of a view matters: `[height, width]` f32 in 0..1, 0 where nothing is to be seen. A weight per
 /// pixel, 0..1, may further lower the probability of being chosen; weight 0 rules a pixel out.
@@ -44,7 +43,7 @@ impl ImportanceMap {
         check_size("grey picture", width, height, grey.len())?;
         let source = |i: isize, n: usize| Border::Reflect.source(i, n).unwrap_or(0);
         let mut values = vec![0f32; grey.len()];
-        values.par_chunks_mut(width).enumerate().for_each(|(y, values)| {
+        parallel::for_each_chunk(&mut values, width, |y, values| {
             let row = |dy: isize| &grey[source(y as isize + dy, height) * width..][..width];
             let (above, here, below) = (row(-1), row(0), row(1));
             for (x, value) in values.iter_mut().enumerate() {
@@ -100,6 +99,12 @@ impl ImportanceMap {
     #[must_use]
     pub fn weights(&self) -> Option<&[f32]> {
         self.weights.as_deref()
+    }
+
+    /// Number of pixels of weight above 0.
+    #[must_use]
+    pub fn usable(&self) -> usize {
+        self.weights().map_or(self.values.len(), |weights| weights.iter().filter(|&&w| w > 0.0).count())
     }
 
     /// Weight of a pixel; 1 where there are none.

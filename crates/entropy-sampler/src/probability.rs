@@ -1,8 +1,6 @@
 //! The probability map (paper, eq. "prob_map") and its solution for a budget.
 
-use crate::{Error, ImportanceMap, Result};
-use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use crate::{Error, ImportanceMap, Result, parallel};
 
 /// The rule that turns importance v and weight w of a pixel into its probability P of being chosen:
 ///
@@ -10,7 +8,8 @@ use serde::{Deserialize, Serialize};
 ///
 /// With `flat` 0 and `lift` 1 this is the paper's rule times the weight. The other two only come into play, in this
 /// order, when the budget is more than that rule can reach (see [`solve`]).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Probability {
     /// The paper's knob, above 0; 0 only where no usable pixel has any importance.
     pub tau: f64,
@@ -42,8 +41,13 @@ impl Probability {
     /// P of every pixel, `[height, width]`.
     #[must_use]
     pub fn map(&self, map: &ImportanceMap) -> Vec<f64> {
-        let pixels = map.values().par_iter().enumerate().with_min_len(PIXELS);
-        pixels.map(|(pixel, &value)| self.of(value, map.weight(pixel))).collect()
+        let mut out = vec![0.0; map.values().len()];
+        parallel::for_each_chunk(&mut out, PIXELS, |task, out| {
+            for (pixel, out) in (task * PIXELS..).zip(out) {
+                *out = self.of(map.values()[pixel], map.weight(pixel));
+            }
+        });
+        out
     }
 
     /// Expected number of chosen pixels: the sum of P.
@@ -125,19 +129,18 @@ const PIXELS: usize = 1 << 14;
 fn sums<const N: usize>(maps: &[ImportanceMap], terms: impl Fn(f32, f64) -> [f64; N] + Sync) -> [f64; N] {
     let mut total = [0.0; N];
     for map in maps {
-        let tasks = map.values().par_chunks(PIXELS).enumerate();
-        let partial: Vec<[f64; N]> = tasks
-            .map(|(task, values)| match map.weights() {
+        let partial = parallel::map(map.values().len().div_ceil(PIXELS), |task| {
+            let part = task * PIXELS..map.values().len().min((task + 1) * PIXELS);
+            let values = &map.values()[part.clone()];
+            match map.weights() {
                 None => lane_sums(values, |i| terms(values[i], 1.0)),
                 Some(weights) => {
-                    let weights = &weights[task * PIXELS..][..values.len()];
+                    let weights = &weights[part];
                     lane_sums(values, |i| terms(values[i], f64::from(weights[i])))
                 }
-            })
-            .collect();
-        for sum in partial {
-            total = add(total, sum);
-        }
+            }
+        });
+        total = partial.into_iter().fold(total, add);
     }
     total
 }
