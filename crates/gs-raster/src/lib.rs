@@ -4,6 +4,7 @@ mod error;
 mod settings;
 
 mod gradients;
+mod near;
 mod rasterizer;
 mod render;
 
@@ -13,6 +14,7 @@ pub mod gpu;
 
 pub use error::{Error, Result};
 pub use gradients::{Gradients, PixelGradients, PoseGradient};
+pub use near::near_plane;
 pub use rasterizer::{Device, Rasterizer, Tape};
 pub use render::{RenderStats, Rendering, StageSeconds, TILE};
 pub use settings::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, Style};

@@ -1,0 +1,178 @@
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// How to refine. The defaults are those of our tables; how they were found is in docs/refine.md.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// When to stop at the latest.
+    pub stop: Stop,
+    /// Views that each step renders and compares; a step's gradient is their mean. All views take turns, in an order
+    /// shuffled anew for every round.
+    pub views_per_step: usize,
+    /// How far a step goes.
+    pub rates: Rates,
+    /// What is made small.
+    pub loss: Loss,
+    /// SH degree of the result, 0 to 3, if above that of the scene: its new coefficients start at 0.
+    pub sh_degree: usize,
+    /// Whether a gain and a bias per view take up what the views disagree in, if they do.
+    pub exposure: bool,
+    /// Whether Gaussians that have become too transparent to be drawn are dropped. No rendering changes by it.
+    pub prune: bool,
+    /// Stop early when three rounds over all views in a row gain less than this, dB on the context views; 0 never does.
+    pub smallest_gain: f64,
+    /// Seed of the order of the views.
+    pub seed: u64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            stop: Stop::Steps(60),
+            views_per_step: 2,
+            rates: Rates::default(),
+            loss: Loss::default(),
+            sh_degree: 0,
+            exposure: true,
+            prune: true,
+            smallest_gain: 0.005,
+            seed: 0,
+        }
+    }
+}
+
+/// When to stop at the latest.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stop {
+    /// After so many steps.
+    Steps(usize),
+    /// When this much wall time is over, seconds. The number of steps, and with it the result, then depends on the
+    /// machine; the report says how many they were.
+    Seconds(f64),
+}
+
+/// Step sizes of Adam at the start; they fall to a twentieth along half a cosine.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Rates {
+    /// Of means, in widths of a pixel at the Gaussian's depth in the view that is nearest to it: the same whatever the
+    /// scale of the scene, and for near and far alike.
+    pub mean: f32,
+    /// Of unit quaternions; half an angle, radians.
+    pub rotation: f32,
+    /// Of the logarithms of the scales.
+    pub scale: f32,
+    /// Of the logits of the opacities.
+    pub opacity: f32,
+    /// Of the colours: SH coefficients of degree 0.
+    pub colour: f32,
+    /// Of the SH coefficients of higher degrees.
+    pub sh: f32,
+}
+
+impl Default for Rates {
+    fn default() -> Self {
+        Self { mean: 0.3, rotation: 0.01, scale: 0.02, opacity: 0.05, colour: 0.02, sh: 0.001 }
+    }
+}
+
+/// What is made small: (1 - `dssim`) · colour term + `dssim` · (1 - SSIM), mean over pixels and channels.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Loss {
+    /// How colours are compared.
+    pub colour: ColourTerm,
+    /// Share of the structural term, 0 to 1. Views must be at least 11 × 11 pixels if it is above 0.
+    pub dssim: f32,
+}
+
+impl Default for Loss {
+    fn default() -> Self {
+        Self { colour: ColourTerm::Mse, dssim: 0.0 }
+    }
+}
+
+/// How colours are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColourTerm {
+    /// Mean of the squared differences: what PSNR is made of.
+    Mse,
+    /// Mean of the absolute differences.
+    L1,
+}
+
+impl Config {
+    /// Whether every setting lies in its range; the comparisons are written so that NaN fails them.
+    pub(crate) fn check(&self) -> Result<()> {
+        let Rates { mean, rotation, scale, opacity, colour, sh } = self.rates;
+        let rates = [
+            ("rates.mean", mean),
+            ("rates.rotation", rotation),
+            ("rates.scale", scale),
+            ("rates.opacity", opacity),
+            ("rates.colour", colour),
+            ("rates.sh", sh),
+        ];
+        let rates = rates.map(|(name, rate)| {
+            (name, f64::from(rate), (0.0..=1e3).contains(&rate), "a number from 0 to 1000")
+        });
+        let seconds = match self.stop {
+            Stop::Steps(_) => 0.0,
+            Stop::Seconds(seconds) => seconds,
+        };
+        let rules = [
+            (
+                "stop.seconds",
+                seconds,
+                (0.0..f64::INFINITY).contains(&seconds),
+                "a finite number of at least 0",
+            ),
+            ("views_per_step", self.views_per_step as f64, self.views_per_step > 0, "at least 1"),
+            ("sh_degree", self.sh_degree as f64, self.sh_degree <= 3, "0 to 3"),
+            ("smallest_gain", self.smallest_gain, self.smallest_gain >= 0.0, "a number of at least 0"),
+            (
+                "loss.dssim",
+                f64::from(self.loss.dssim),
+                (0.0..=1.0).contains(&self.loss.dssim),
+                "a number from 0 to 1",
+            ),
+        ];
+        for (name, found, in_range, expected) in rules.into_iter().chain(rates) {
+            if !in_range {
+                return Err(Error::Setting { name, found, expected });
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_valid_and_every_range_is_checked() {
+        let good = Config::default();
+        assert!(good.check().is_ok());
+        let bad = [
+            ("stop.seconds", Config { stop: Stop::Seconds(f64::NAN), ..good }),
+            ("stop.seconds", Config { stop: Stop::Seconds(-1.0), ..good }),
+            ("stop.seconds", Config { stop: Stop::Seconds(f64::INFINITY), ..good }),
+            ("views_per_step", Config { views_per_step: 0, ..good }),
+            ("sh_degree", Config { sh_degree: 4, ..good }),
+            ("smallest_gain", Config { smallest_gain: f64::NAN, ..good }),
+            ("loss.dssim", Config { loss: Loss { dssim: 1.5, ..good.loss }, ..good }),
+            ("rates.mean", Config { rates: Rates { mean: f32::NAN, ..good.rates }, ..good }),
+            ("rates.sh", Config { rates: Rates { sh: -1.0, ..good.rates }, ..good }),
+        ];
+        for (expected, config) in bad {
+            match config.check() {
+                Err(Error::Setting { name, .. }) => assert_eq!(name, expected),
+                other => panic!("{expected}: {other:?}"),
+            }
+        }
+    }
+}

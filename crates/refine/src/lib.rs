@@ -1,0 +1,24 @@
+#![doc = include_str!("../README.md")]
+
+mod config;
+mod error;
+mod report;
+
+mod refine;
+
+mod adam;
+mod exposure;
+mod limits;
+mod loss;
+mod objective;
+mod schedule;
+
+pub use config::{ColourTerm, Config, Loss, Rates, Stop};
+pub use error::{Error, Result};
+pub use exposure::Exposure;
+pub use refine::{Refined, refine};
+pub use report::{Report, Step, StepRecord, Stopped};
+
+#[cfg(test)]
+#[path = "../tests/it/scenes.rs"]
+mod scenes;

@@ -1,0 +1,138 @@
+//! From stored numbers to one figure, and back: scene -> rendering -> exposure -> loss.
+
+use crate::loss::{Compared, Target};
+use crate::{Exposure, Loss, Result};
+use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, near_plane};
+use gs_scene::{Gaussians, View};
+use image_metrics::SsimScratch;
+
+/// How far a scene is from photographs, view by view.
+#[derive(Debug)]
+pub(crate) struct Objective<'a> {
+    views: &'a [View],
+    targets: Vec<Target<'a>>,
+    loss: Loss,
+    /// The near plane is that of the scene at the start: it must not move under the optimiser.
+    settings: RenderSettings,
+    scratch: SsimScratch,
+}
+
+/// One view's share.
+#[derive(Debug)]
+pub(crate) struct OfView {
+    pub(crate) compared: Compared,
+    /// Derivatives of the loss by what is stored.
+    pub(crate) gradients: Gradients,
+}
+
+impl<'a> Objective<'a> {
+    pub(crate) fn new(scene: &Gaussians, views: &'a [View], loss: Loss) -> Result<Self> {
+        let targets = views.iter().map(|view| Target::new(view, loss)).collect::<Result<_>>()?;
+        let near = views.iter().map(|view| near_plane(scene, view.camera())).fold(f32::INFINITY, f32::min);
+        let settings = RenderSettings { near, ..RenderSettings::default() };
+        Ok(Self { views, targets, loss, settings, scratch: SsimScratch::default() })
+    }
+
+    /// Exposure in which a view's photograph is closest to the scene as it is, and the PSNR without one; NaN if the rendering
+    /// cannot be compared.
+    pub(crate) fn look(
+        &mut self,
+        scene: &Gaussians,
+        view: usize,
+        rasterizer: &mut Rasterizer,
+    ) -> Result<(Exposure, f64)> {
+        let rendering = rasterizer.render(scene, self.views[view].camera(), &self.settings)?;
+        let (image, target) = (rendering.image.data(), &self.targets[view]);
+        let compared = target.compare(image, Exposure::NONE, self.loss, 1.0, &mut self.scratch);
+        Ok(compared.map_or((Exposure::NONE, f64::NAN), |compared| (compared.fit, compared.psnr)))
+    }
+
+    /// Renders a view, compares and differentiates; `None` if the picture is beyond comparison. Derivatives, not the value,
+    /// are multiplied by `weight`.
+    pub(crate) fn differentiate(
+        &mut self,
+        scene: &Gaussians,
+        view: usize,
+        exposure: Exposure,
+        weight: f32,
+        rasterizer: &mut Rasterizer,
+    ) -> Result<Option<OfView>> {
+        let camera = std::slice::from_ref(self.views[view].camera());
+        let (renderings, tape) = rasterizer.record(scene, camera, &self.settings)?;
+        let image = renderings[0].image.data();
+        let target = &self.targets[view];
+        let compared = target.compare(image, exposure, self.loss, weight, &mut self.scratch);
+        let Some(mut compared) = compared else { return Ok(None) };
+        let image = std::mem::take(&mut compared.by_rendering);
+        let pixels = PixelGradients { image, alpha: None, depth: None };
+        let gradients = rasterizer.backward(scene, &tape, &[pixels])?;
+        Ok(Some(OfView { compared, gradients }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ColourTerm;
+    use crate::scenes::{cameras, disturbed, photographs, wall};
+    use std::ops::Range;
+
+    /// Derivatives of the mean loss of all views against central differences along the derivative itself, where the slope is
+    /// largest and the rounding of the loss smallest against it.
+    fn check(loss: Loss, exposure: Exposure) {
+        let truth = wall(6, 1.0);
+        let views = photographs(&truth, &cameras(2, (40, 32), 1.0));
+        let scene = disturbed(&truth, 1.0);
+        let mut rasterizer = Rasterizer::cpu();
+        let mut objective = Objective::new(&scene, &views, loss).unwrap();
+        let mut evaluate = |scene: &Gaussians| {
+            let (mut value, mut geometry, mut sh) =
+                (0.0, vec![0.0; scene.geometry().len()], vec![0.0; scene.sh().len()]);
+            for view in 0..views.len() {
+                let found =
+                    objective.differentiate(scene, view, exposure, 0.5, &mut rasterizer).unwrap().unwrap();
+                value += 0.5 * found.compared.loss;
+                geometry.iter_mut().zip(&found.gradients.geometry).for_each(|(a, b)| *a += f64::from(*b));
+                sh.iter_mut().zip(&found.gradients.sh).for_each(|(a, b)| *a += f64::from(*b));
+            }
+            (value, geometry, sh)
+        };
+        let (_, geometry, sh) = evaluate(&scene);
+        let colours = 11..14;
+        let groups: [(&str, Range<usize>, f64); 5] = [
+            ("mean", gs_scene::MEAN, 1e-3),
+            ("rotation", gs_scene::QUATERNION, 4e-3),
+            ("scale", gs_scene::LOG_SCALE, 4e-3),
+            ("opacity", 10..11, 2e-2),
+            ("colour", colours.clone(), 1e-2),
+        ];
+        for (name, columns, step) in groups {
+            let of_colour = columns == colours;
+            let (all, width) = if of_colour { (&sh, 3) } else { (&geometry, Gaussians::GEOMETRY) };
+            let chosen = |i: usize| of_colour || columns.contains(&(i % width));
+            let direction: Vec<f64> =
+                all.iter().enumerate().map(|(i, g)| if chosen(i) { *g } else { 0.0 }).collect();
+            let square = direction.iter().map(|d| d * d).sum::<f64>();
+            let largest = direction.iter().fold(0.0f64, |a, b| a.max(b.abs()));
+            assert!(largest > 0.0, "{name}: no derivative at all");
+            let mut value = |by: f64| {
+                let mut moved = scene.clone();
+                let (geometry, sh) = moved.buffers_mut();
+                let numbers = if of_colour { sh } else { geometry };
+                numbers.iter_mut().zip(&direction).for_each(|(v, d)| *v += (by * d / largest) as f32);
+                evaluate(&moved).0
+            };
+            let slope = (value(step) - value(-step)) / (2.0 * step);
+            let expected = square / largest;
+            assert!((slope / expected - 1.0).abs() < 0.02, "{name}: {slope:e} by differences, {expected:e}");
+        }
+    }
+
+    #[test]
+    fn derivatives_by_all_that_is_stored_are_those_of_the_loss() {
+        for (colour, dssim) in [(ColourTerm::Mse, 0.0), (ColourTerm::Mse, 0.3), (ColourTerm::L1, 0.2)] {
+            check(Loss { colour, dssim }, Exposure::NONE);
+        }
+        check(Loss::default(), Exposure { gain: 0.8, bias: 0.05 });
+    }
+}

@@ -1,0 +1,90 @@
+//! Which views a step compares, and how far it goes.
+
+use crate::Stop;
+use std::f64::consts::PI;
+use std::time::Duration;
+
+/// What is left of the step size at the end.
+const LAST: f64 = 0.05;
+
+/// The views in rounds, each in an order of its own.
+pub(crate) struct Turns {
+    views: usize,
+    seed: u64,
+    round: u64,
+    left: Vec<usize>,
+}
+
+impl Turns {
+    pub(crate) fn new(views: usize, seed: u64) -> Self {
+        Self { views, seed, round: 0, left: Vec::new() }
+    }
+
+    /// The next view.
+    pub(crate) fn next(&mut self) -> usize {
+        if self.left.is_empty() {
+            self.round += 1;
+            let place = |view: usize| mix(mix(self.seed ^ mix(self.round)) ^ view as u64);
+            self.left = (0..self.views).collect();
+            self.left.sort_by_key(|&view| (place(view), view));
+        }
+        self.left.pop().unwrap_or(0)
+    }
+}
+
+/// SplitMix64's output function.
+fn mix(z: u64) -> u64 {
+    let z = z.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+impl Stop {
+    /// How much of the way is behind, 0 to 1, after `steps` steps and `spent` time.
+    pub(crate) fn progress(self, steps: usize, spent: Duration) -> f64 {
+        let share = match self {
+            Self::Steps(all) => steps as f64 / all as f64,
+            Self::Seconds(all) => spent.as_secs_f64() / all,
+        };
+        // 0 / 0: there is no way to go.
+        if share.is_nan() { 1.0 } else { share.min(1.0) }
+    }
+}
+
+/// Factor of the step sizes: half a cosine from 1 to [`LAST`].
+pub(crate) fn decay(progress: f64) -> f32 {
+    (LAST + (1.0 - LAST) * 0.5 * (1.0 + (PI * progress).cos())) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_round_has_every_view_once_in_an_order_of_its_seed() {
+        let rounds = |seed| {
+            let mut turns = Turns::new(6, seed);
+            (0..10).map(|_| (0..6).map(|_| turns.next()).collect::<Vec<_>>()).collect::<Vec<_>>()
+        };
+        for round in rounds(3) {
+            let mut sorted = round.clone();
+            sorted.sort_unstable();
+            assert_eq!(sorted, [0, 1, 2, 3, 4, 5]);
+        }
+        assert!(rounds(3).windows(2).any(|pair| pair[0] != pair[1]));
+        assert!(rounds(3) == rounds(3) && rounds(3) != rounds(4));
+        assert_eq!(Turns::new(1, 0).next(), 0);
+    }
+
+    #[test]
+    fn step_sizes_fall_from_one_to_a_twentieth() {
+        let at = |steps| decay(Stop::Steps(10).progress(steps, Duration::ZERO));
+        assert_eq!((at(0), at(10), at(20)), (1.0, 0.05, 0.05));
+        assert!((0..10).all(|step| at(step) > at(step + 1)));
+        let half = Stop::Seconds(2.0).progress(7, Duration::from_secs(1));
+        assert_eq!(half, 0.5);
+        assert_eq!(Stop::Steps(0).progress(0, Duration::ZERO), 1.0);
+        assert_eq!(Stop::Seconds(0.0).progress(0, Duration::ZERO), 1.0);
+    }
+}

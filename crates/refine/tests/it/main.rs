@@ -1,0 +1,5 @@
+//! The public interface of refine.
+
+mod hard_cases;
+mod refinement;
+mod scenes;

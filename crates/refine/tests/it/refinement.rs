@@ -1,0 +1,126 @@
+//! What refinement is for.
+
+use crate::scenes::{cameras, disturbed, photographs, wall};
+use gs_raster::Rasterizer;
+use gs_scene::{Gaussians, View};
+use image_metrics::psnr;
+use refine::{Config, Loss, Refined, Stop, Stopped, refine};
+
+fn run(scene: &Gaussians, views: &[View], config: &Config) -> Refined {
+    refine(scene.clone(), views, config, &mut Rasterizer::cpu(), &mut |_| {}).unwrap()
+}
+
+/// Mean PSNR of the views of a scene.
+fn quality(scene: &Gaussians, views: &[View]) -> f64 {
+    let cameras: Vec<_> = views.iter().map(|view| view.camera().clone()).collect();
+    let seen = photographs(scene, &cameras);
+    let each = views.iter().zip(&seen).map(|(a, b)| psnr(a.image(), b.image()).unwrap());
+    each.sum::<f64>() / views.len() as f64
+}
+
+#[test]
+fn a_disturbed_scene_comes_back_in_views_it_was_not_shown() {
+    let truth = wall(16, 1.0);
+    let all = photographs(&truth, &cameras(5, (64, 48), 1.0));
+    let (context, held_out) =
+        ([all[0].clone(), all[2].clone(), all[4].clone()], [all[1].clone(), all[3].clone()]);
+    let off = disturbed(&truth, 1.0);
+    for loss in [Loss::default(), Loss { dssim: 0.2, ..Loss::default() }] {
+        let config = Config { stop: Stop::Steps(100), loss, smallest_gain: 0.0, ..Config::default() };
+        let refined = run(&off, &context, &config);
+        let (before, after) = (quality(&off, &held_out), quality(&refined.gaussians, &held_out));
+        assert!(after > before + 4.0, "{before} dB before, {after} dB after, {loss:?}");
+        let report = &refined.report;
+        assert!((report.psnr_start - quality(&off, &context)).abs() < 0.01);
+        assert_eq!((report.steps.len(), report.undone, report.stopped), (100, 0, Some(Stopped::Done)));
+        assert!(report.steps.windows(2).all(|pair| pair[0].seconds <= pair[1].seconds));
+        assert!(report.exposure.is_empty(), "the views agree");
+    }
+}
+
+#[test]
+fn a_scene_that_is_right_stays_and_stops_early() {
+    let truth = wall(10, 1.0);
+    let views = photographs(&truth, &cameras(3, (48, 32), 1.0));
+    let refined = run(&truth, &views, &Config { stop: Stop::Steps(500), ..Config::default() });
+    assert_eq!(refined.report.stopped, Some(Stopped::NothingGained));
+    assert!(refined.report.steps.len() < 50, "{} steps", refined.report.steps.len());
+    assert!(quality(&refined.gaussians, &views) > 60.0);
+    let never = Config { stop: Stop::Steps(50), smallest_gain: 0.0, ..Config::default() };
+    assert_eq!(run(&truth, &views, &never).report.steps.len(), 50);
+}
+
+#[test]
+fn no_steps_and_no_time_change_nothing() {
+    let scene = wall(5, 1.0);
+    let views = photographs(&scene, &cameras(2, (32, 24), 1.0));
+    for stop in [Stop::Steps(0), Stop::Seconds(0.0)] {
+        let refined = run(&scene, &views, &Config { stop, ..Config::default() });
+        assert_eq!(refined.gaussians, scene);
+        assert_eq!((refined.report.steps.len(), refined.report.stopped), (0, Some(Stopped::Done)));
+    }
+}
+
+#[test]
+fn time_limits_hold() {
+    let truth = wall(8, 1.0);
+    let views = photographs(&truth, &cameras(3, (48, 32), 1.0));
+    let off = disturbed(&truth, 1.0);
+    let refined =
+        run(&off, &views, &Config { stop: Stop::Seconds(0.2), smallest_gain: 0.0, ..Config::default() });
+    let last = refined.report.steps.last().unwrap();
+    assert!(last.seconds >= 0.2 && refined.report.steps.len() > 1, "{last:?}");
+    let before_last = &refined.report.steps[refined.report.steps.len() - 2];
+    assert!(before_last.seconds < 0.2, "{before_last:?}");
+}
+
+#[test]
+fn scale_and_place_do_not_matter() {
+    let quality_at = |scale: f32| {
+        let truth = wall(10, scale);
+        let views = photographs(&truth, &cameras(3, (48, 32), f64::from(scale)));
+        let config = Config { stop: Stop::Steps(30), ..Config::default() };
+        quality(&run(&disturbed(&truth, scale), &views, &config).gaussians, &views)
+    };
+    let (small, middle, large) = (quality_at(1e-3), quality_at(1.0), quality_at(1e3));
+    assert!((small - middle).abs() < 0.3 && (large - middle).abs() < 0.3, "{small} {middle} {large}");
+}
+
+#[test]
+fn views_that_disagree_get_exposures_and_others_none() {
+    let truth = wall(12, 1.0);
+    let mut views = photographs(&truth, &cameras(3, (48, 32), 1.0));
+    let [gain, bias] = [0.75f32, 0.1];
+    views[1].image_mut().data_mut().iter_mut().for_each(|v| *v = gain * *v + bias);
+    let config = Config { stop: Stop::Steps(100), smallest_gain: 0.0, ..Config::default() };
+    let refined = run(&truth, &views, &config);
+    let found = &refined.report.exposure;
+    assert_eq!(found.len(), 3);
+    let ratio = found[1].gain / (0.5 * (found[0].gain + found[2].gain));
+    assert!((ratio - gain).abs() < 0.05, "{found:?}");
+    let off = run(&truth, &views, &Config { exposure: false, ..config });
+    assert!(off.report.exposure.is_empty());
+    let last = |refined: &Refined| refined.report.steps.last().unwrap().psnr_context;
+    assert!(last(&refined) > last(&off) + 1.0, "{} {}", last(&refined), last(&off));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
+    let truth = wall(12, 1.0);
+    let views = photographs(&truth, &cameras(3, (48, 32), 1.0));
+    let off = disturbed(&truth, 1.0);
+    let config = Config {
+        stop: Stop::Steps(8),
+        loss: Loss { dssim: 0.2, ..Loss::default() },
+        sh_degree: 1,
+        ..Config::default()
+    };
+    let on = |threads: usize, seed: u64| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| run(&off, &views, &Config { seed, ..config }).gaussians)
+    };
+    let one = on(1, 0);
+    assert_eq!(one.sh_degree(), 1);
+    assert!(one == on(2, 0) && one == on(7, 0));
+    assert!(one != on(2, 1), "another seed, another order of the views");
+}
