@@ -1,12 +1,24 @@
 #![doc = include_str!("../README.md")]
 
 mod error;
+mod neighbors;
 
 mod brute_force;
-mod neighbors;
-mod search;
 mod tree;
 
-pub use brute_force::brute_force;
+mod search;
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+mod candidates;
+
+mod parallel;
+mod scatter;
+
+pub use brute_force::{brute_force, brute_force_query};
 pub use error::{Error, Result};
 pub use neighbors::{Neighbors, knn, query};
+
+#[cfg(test)]
+#[path = "../tests/it/sets.rs"]
+mod sets;

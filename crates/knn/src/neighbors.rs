@@ -1,8 +1,7 @@
 use crate::Result;
 use crate::error::check;
-use crate::search::{nearest_keys, split_key};
-use crate::tree::{LEAF, Tree};
-use rayon::prelude::*;
+use crate::search::{Among, search};
+use crate::tree::Tree;
 
 /// The nearest points of every row, nearest first; equal distances by ascending index.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,8 +41,7 @@ pub fn knn(points: &[[f32; 3]], k: usize) -> Result<Neighbors> {
         return Ok(without_neighbours(points.len()));
     }
     let tree = Tree::new(points);
-    let keys = nearest_keys(&tree, &tree, k, true);
-    Ok(in_input_order(&tree, &keys, points.len(), k))
+    Ok(search(&tree, &tree, k, Among::Others))
 }
 
 /// The `k` nearest points of every query. With fewer than `k` points, each row holds all of them.
@@ -58,39 +56,9 @@ pub fn query(points: &[[f32; 3]], queries: &[[f32; 3]], k: usize) -> Result<Neig
         return Ok(Neighbors { k, ..without_neighbours(queries.len()) });
     }
     // The queries get a tree too: its leaves are the blocks of near queries that are searched together.
-    let asking = Tree::new(queries);
-    let keys = nearest_keys(&Tree::new(points), &asking, k, false);
-    Ok(in_input_order(&asking, &keys, queries.len(), k))
+    Ok(search(&Tree::new(points), &Tree::new(queries), k, Among::All))
 }
 
 fn without_neighbours(rows: usize) -> Neighbors {
     Neighbors { rows, k: 0, indices: Vec::new(), sq_distances: Vec::new() }
-}
-
-/// Rows from the order of the tree's leaves to the order of the input.
-fn in_input_order(tree: &Tree, keys: &[u64], rows: usize, k: usize) -> Neighbors {
-    const ROWS_PER_TASK: usize = 512;
-    let mut slot = vec![0u32; rows];
-    for (leaf_idx, leaf) in tree.leaves.iter().enumerate() {
-        for (lane, &index) in leaf.index[..leaf.len].iter().enumerate() {
-            slot[index as usize] = (leaf_idx * LEAF + lane) as u32;
-        }
-    }
-    let mut indices = vec![0u32; rows * k];
-    let mut sq_distances = vec![0f32; rows * k];
-    let per_task = ROWS_PER_TASK * k;
-    indices
-        .par_chunks_mut(per_task)
-        .zip(sq_distances.par_chunks_mut(per_task))
-        .zip(slot.par_chunks(ROWS_PER_TASK))
-        .for_each(|((indices, sq_distances), slots)| {
-            let rows = indices.chunks_exact_mut(k).zip(sq_distances.chunks_exact_mut(k));
-            for ((indices, sq_distances), &slot) in rows.zip(slots) {
-                let row = &keys[slot as usize * k..][..k];
-                for ((index, sq_distance), &key) in indices.iter_mut().zip(sq_distances).zip(row) {
-                    (*sq_distance, *index) = split_key(key);
-                }
-            }
-        });
-    Neighbors { rows, k, indices, sq_distances }
 }

@@ -1,5 +1,5 @@
 use crate::sets::set;
-use knn::{brute_force, knn, query};
+use knn::{brute_force, brute_force_query, knn, query};
 
 #[test]
 fn bad_coordinates_are_named_by_their_index() {
@@ -8,8 +8,11 @@ fn bad_coordinates_are_named_by_their_index() {
     assert_eq!(knn(&bad, 1).unwrap_err().to_string(), text);
     assert_eq!(brute_force(&bad, 1).unwrap_err().to_string(), text);
     assert_eq!(query(&bad, &[[0.0; 3]], 1).unwrap_err().to_string(), text);
+    assert_eq!(brute_force_query(&bad, &[[0.0; 3]], 1).unwrap_err().to_string(), text);
     let asked = query(&bad[..1], &bad[2..], 1).unwrap_err().to_string();
     assert_eq!(asked, "query 0 is (inf, 0, 0), expected finite coordinates: drop or mend it first");
+    let asked = brute_force_query(&bad[..1], &bad[1..], 1).unwrap_err().to_string();
+    assert_eq!(asked, "query 0 is (1, NaN, 0), expected finite coordinates: drop or mend it first");
     assert!(knn(&bad, 0).is_err(), "bad input is an error whatever k is");
 }
 
@@ -57,21 +60,27 @@ fn the_smallest_differences_are_told_apart() {
 /// Without pruning by index among ties these would take minutes.
 #[test]
 fn large_degenerate_sets_take_no_quadratic_time() {
-    for shape in ["all-equal", "duplicates", "lattice", "signed-zeros", "overflow"] {
-        let points = set(shape, 60_000, 5);
-        let found = knn(&points, 8).unwrap();
-        for row in [0, 30_000, 59_999] {
-            let q = points[row];
-            let mut all: Vec<(f32, u32)> = (points.iter().zip(0..))
-                .filter(|&(_, i)| i as usize != row)
-                .map(|(p, i)| {
-                    let (dx, dy, dz) = (p[0] - q[0], p[1] - q[1], p[2] - q[2]);
-                    (dx * dx + dy * dy + dz * dz, i)
-                })
-                .collect();
-            all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            let expected: Vec<u32> = all[..8].iter().map(|&(_, i)| i).collect();
-            assert_eq!(found.row(row).0, expected, "{shape}, row {row}");
+    let degenerate = [
+        "all-equal",
+        "duplicates",
+        "lattice",
+        "signed-zeros",
+        "overflow",
+        "denormal",
+        "mixed-scale",
+        "collinear",
+    ];
+    for (shape, (n, k)) in
+        degenerate.into_iter().flat_map(|shape| [(shape, (60_000, 8)), (shape, (10_000, 300))])
+    {
+        let points = set(shape, n, 5);
+        let rows = [0, n / 2, n - 1];
+        // One more than eight of all, so that eight others are among them.
+        let slow = brute_force_query(&points, &rows.map(|row| points[row]), 9).unwrap();
+        let found = knn(&points, k).unwrap();
+        for (i, row) in rows.into_iter().enumerate() {
+            let others: Vec<u32> = slow.row(i).0.iter().copied().filter(|&i| i as usize != row).collect();
+            assert_eq!(found.row(row).0[..8], others[..8], "{shape}, row {row}");
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Point sets of the shapes that break neighbour searches, from one seed each.
 
 /// SplitMix64, so that a set is the same on every machine.
-pub(crate) struct Random(pub(crate) u64);
+struct Random(u64);
 
 impl Random {
     fn next(&mut self) -> u64 {
@@ -13,7 +13,7 @@ impl Random {
     }
 
     /// In -1..1.
-    pub(crate) fn unit(&mut self) -> f32 {
+    fn unit(&mut self) -> f32 {
         (self.next() >> 40) as f32 / (1u64 << 23) as f32 - 1.0
     }
 
@@ -24,9 +24,25 @@ impl Random {
     fn point(&mut self) -> [f32; 3] {
         [self.unit(), self.unit(), self.unit()]
     }
+
+    /// On a rough wall, floor or sphere, as anchors from depth maps lie.
+    fn on_a_surface(&mut self, i: usize) -> [f32; 3] {
+        let (a, b, noise) = (self.unit(), self.unit(), 2e-3 * self.unit());
+        match i % 4 {
+            0 => [4.0 * a, 1.0 + noise, 4.0 * b],
+            1 => [4.0 * a, b, 4.0 + noise],
+            2 => [-4.0 + noise, a, 4.0 * b],
+            _ => {
+                let (s, c) = (std::f32::consts::PI * a).sin_cos();
+                let (r, ring) = (0.5 + noise, (1.0 - b * b).sqrt());
+                [r * ring * c, r * b, 2.0 + r * ring * s]
+            }
+        }
+    }
 }
 
-pub(crate) const SHAPES: [&str; 12] = [
+pub(crate) const SHAPES: [&str; 13] = [
+    "surfaces",
     "uniform",
     "clustered",
     "collinear",
@@ -48,6 +64,7 @@ pub(crate) fn set(shape: &str, n: usize, seed: u64) -> Vec<[f32; 3]> {
     let centres: Vec<[f32; 3]> = (0..5).map(|_| r.point()).collect();
     (0..n)
         .map(|i| match shape {
+            "surfaces" => r.on_a_surface(i),
             "uniform" => r.point(),
             "clustered" => {
                 let (centre, p) = (centres[r.below(5) as usize], r.point());
