@@ -2,43 +2,71 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// Depth map and camera do not have the same size.
-    #[error("depth map is {found_width}x{found_height}, its camera is {width}x{height}")]
-    SizeMismatch {
+    /// Not one depth per pixel of the camera.
+    #[error("depth of view {view} holds {found} numbers, its camera has {width}x{height} pixels")]
+    DepthCount {
+        /// The view.
+        view: usize,
         /// Camera's width.
         width: usize,
         /// Camera's height.
         height: usize,
-        /// Depth map's width.
+        /// Depths given.
+        found: usize,
+    },
+    /// Image and camera do not have the same size.
+    #[error("image of view {view} is {found_width}x{found_height}, its camera is {width}x{height}")]
+    ImageSize {
+        /// The view.
+        view: usize,
+        /// Camera's width.
+        width: usize,
+        /// Camera's height.
+        height: usize,
+        /// Image's width.
         found_width: usize,
-        /// Depth map's height.
+        /// Image's height.
         found_height: usize,
     },
-    /// Not one normal per pixel.
-    #[error("{found} normals, expected one for each of {expected} pixels")]
-    NormalCount {
-        /// Pixels of the depth map.
+    /// Some views have it, others do not: the arrays would not line up.
+    #[error("view {view} differs from view 0 in having {what} or not, expected {what} for all views or none")]
+    Missing {
+        /// The first view that differs from view 0.
+        view: usize,
+        /// "an image" or "features".
+        what: &'static str,
+    },
+    /// Feature maps that do not have the same number of channels.
+    #[error("features of view {view} have {found} channels, those of view 0 have {expected}")]
+    Channels {
+        /// The view.
+        view: usize,
+        /// Channels of view 0.
         expected: usize,
-        /// Normals given.
+        /// Channels of this view.
         found: usize,
     },
     /// A chosen pixel that the image does not have.
     #[error("pixel {pixel} of view {view} is outside the image of {pixels} pixels")]
     PixelOutside {
         /// The view.
-        view: u32,
+        view: usize,
         /// Index of the pixel.
         pixel: u32,
         /// Pixels of the image.
         pixels: usize,
     },
-    /// A chosen pixel without depth.
-    #[error("pixel {pixel} of view {view} has no depth: give it weight 0 when sampling, or fill the hole")]
-    NoDepth {
+    /// A focal length, principal point or pose so extreme that points would not be finite.
+    #[error("camera of view {view} puts points of depth up to 3.4e38 beyond the range of f64")]
+    CameraRange {
         /// The view.
-        view: u32,
-        /// Index of the pixel.
-        pixel: u32,
+        view: usize,
+    },
+    /// A largest depth that is none.
+    #[error("farthest depth is {found}, expected a number above 0 (infinity for no limit)")]
+    Far {
+        /// The value given.
+        found: f32,
     },
     /// A window without a middle, or without neighbours.
     #[error("normal window is {found} pixels wide, expected an odd number from 3 to 31")]

@@ -3,8 +3,12 @@
 mod error;
 
 mod anchors;
+mod features;
+mod lift;
 mod normals;
+mod views;
 
-pub use anchors::{Anchors, anchors};
+pub use anchors::{Anchors, Backprojected, Settings, anchors};
 pub use error::{Error, Result};
 pub use normals::{NormalFit, normals};
+pub use views::{Dropped, ViewPixels};

@@ -2,7 +2,7 @@ use crate::cells::cells;
 use crate::closed_form::{self, Surface};
 use crate::prediction::{Counts, Prediction, Stage, StageSeconds};
 use crate::{Allocation, Backbone, Budget, Config, Error, Result, exposure, shell};
-use backproject::{Anchors, NormalFit};
+use backproject::{Anchors, Backprojected, ViewPixels};
 use depth_backbone::{DepthBackbone, GivenDepth, PlaneSweep, ViewGeometry, Wanted};
 use entropy_sampler::{EntropyWindow, ImportanceMap};
 use glam::{DVec2, DVec3};
@@ -54,23 +54,24 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
     let (pixels, tau) = timed(&mut seconds.sampling, || sample(views, &geometry, config, shell.len()))?;
 
     on_stage(Stage::Backproject);
-    let anchors: Vec<Anchors> = timed(&mut seconds.backproject, || {
-        let of = |i: usize| -> Result<Anchors> {
-            let (camera, depth) = (views[i].camera(), &geometry[i].depth);
-            let normals = backproject::normals(depth, camera, NormalFit::default())?;
-            Ok(backproject::anchors(i as u32, &pixels[i], depth, camera, &normals)?)
+    let Backprojected { anchors, ranges, .. } = timed(&mut seconds.backproject, || {
+        let of = |i: usize| ViewPixels {
+            camera: views[i].camera(),
+            depth: geometry[i].depth.data(),
+            pixels: &pixels[i],
+            image: None,
+            features: None,
         };
-        (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()
+        let chosen: Vec<ViewPixels> = (0..views.len()).map(of).collect();
+        backproject::anchors(&chosen, &backproject::Settings::default())
     })?;
 
     on_stage(Stage::Knn);
-    let anchors = Anchors::concat(anchors);
     let areas = timed(&mut seconds.knn, || area_per_anchor(&anchors, config.neighbours))?;
 
     on_stage(Stage::Head);
     let per_view: Vec<Gaussians> = timed(&mut seconds.head, || {
-        let first = |view: usize| pixels[..view].iter().map(Vec::len).sum::<usize>();
-        let of = |i: usize| head(&exposed[i], &geometry[i], &anchors, first(i)..first(i + 1), &areas);
+        let of = |i: usize| head(&exposed[i], &geometry[i], &anchors, ranges[i].clone(), &areas);
         (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()
     })?;
 
@@ -153,7 +154,7 @@ fn area_per_anchor(anchors: &Anchors, neighbours: usize) -> Result<Vec<Option<f6
     if neighbours == 0 || anchors.is_empty() {
         return Ok(vec![None; anchors.len()]);
     }
-    let found = knn::knn(&anchors.positions, neighbours)?;
+    let found = knn::knn(&anchors.positions_from(DVec3::ZERO), neighbours)?;
     let area = |row: usize| {
         let &farthest = found.row(row).1.last()?;
         Some(std::f64::consts::PI * f64::from(farthest) / found.k as f64)
