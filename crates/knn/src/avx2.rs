@@ -34,7 +34,7 @@ pub(crate) struct Avx2Lists {
     block: Leaf,
     block_len: usize,
     k: usize,
-    /// The `k`-th key of each query.
+    /// The `k`-th key of each query; 0 where there is none.
     last: [u64; LEAF],
     /// Its distance.
     bound: [f32; LEAF],
@@ -176,6 +176,18 @@ impl Avx2Lists {
         self.update_bound(lane);
     }
 
+    #[target_feature(enable = "avx2,popcnt")]
+    fn highest_last(&self) -> u64 {
+        // Loops without end conditions of their own are vectorized.
+        let mut highest = [0; 4];
+        for last in self.last.as_chunks::<4>().0 {
+            for (highest, &last) in highest.iter_mut().zip(last) {
+                *highest = last.max(*highest);
+            }
+        }
+        highest.into_iter().fold(0, u64::max)
+    }
+
     fn update_bound(&mut self, lane: usize) {
         let last = self.nearest[lane * self.runs + (self.k - 1) / RUN].key((self.k - 1) % RUN);
         (self.last[lane], self.bound[lane]) = (last, split_key(last).0);
@@ -239,7 +251,8 @@ fn lanes_of(mut mask: u32) -> impl Iterator<Item = usize> {
 impl Lists for Avx2Lists {
     fn begin(&mut self, block: &Leaf, len: usize) {
         (self.block, self.block_len) = (block.clone(), len);
-        self.last = [NO_CANDIDATE; LEAF];
+        self.last = [0; LEAF];
+        self.last[..len].fill(NO_CANDIDATE);
         self.bound = [f32::INFINITY; LEAF];
         self.nearest.fill(Run::EMPTY);
         for waiting in &mut self.waiting {
@@ -258,7 +271,8 @@ impl Lists for Avx2Lists {
     }
 
     fn last(&self) -> u64 {
-        self.last[..self.block_len].iter().copied().max().unwrap_or(0)
+        // SAFETY: `new` has found AVX2.
+        unsafe { self.highest_last() }
     }
 
     fn finish(&mut self, lane: usize, indices: &mut [u32], sq_distances: &mut [f32]) {
