@@ -174,6 +174,35 @@ mod tests {
         assert_eq!(empty.to_string(), "size is 0x2, expected at least one pixel and at most 2^31");
     }
 
+    /// The two ways to entropy give the same bits, on pictures of several strips of rows.
+    #[test]
+    #[cfg(target_arch = "x86_64")]
+    fn sliding_windows_equal_histograms() {
+        let mut draws =
+            (0..).map(|i: u32| i.wrapping_mul(0x9e37_79b9).rotate_left(11).wrapping_mul(0x85eb_ca6b) >> 24);
+        for (width, height) in [(1, 1), (2, 3), (6, 70), (7, 7), (33, 65), (64, 3), (91, 130)] {
+            for modulus in [1, 2, 5, 256] {
+                let grey: Vec<u8> =
+                    draws.by_ref().take(width * height).map(|g| (g % modulus) as u8).collect();
+                for size in [3, 5, 7] {
+                    for border in [Border::Reflect, Border::Clip] {
+                        let (columns, rows) = (border.sources(width, size), border.sources(height, size));
+                        let seen = Seen { levels: &grey, size, columns, rows, border };
+                        let steps = Steps::new(size);
+                        let Some(found) = sliding::entropy(&seen, &steps) else {
+                            let expected =
+                                !is_x86_feature_detected!("avx2") || border == Border::Clip && width < size;
+                            assert!(expected, "{width}x{height}, {size}, {border:?}");
+                            continue;
+                        };
+                        let expected = by_histograms(&seen, &steps);
+                        assert!(found == expected, "{width}x{height}, {size}, {border:?}, mod {modulus}");
+                    }
+                }
+            }
+        }
+    }
+
     #[test]
     fn the_largest_window_stays_in_range() {
         let window = EntropyWindow { size: 255, ..EntropyWindow::default() };

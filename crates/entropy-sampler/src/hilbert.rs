@@ -10,26 +10,6 @@ pub(crate) fn hilbert_order(width: usize, height: usize) -> Vec<u32> {
     walk.order
 }
 
-/// How far along that curve a pixel lies, in the steps of the whole square.
-pub(crate) fn place(pixel: u32, width: usize, height: usize) -> u64 {
-    let side = width.max(height).next_power_of_two() as u64;
-    // Along the sides `a` and `b` of the square that [`Walk::square`] is in.
-    let (mut s, mut t) = (u64::from(pixel) % width as u64, u64::from(pixel) / width as u64);
-    let (mut half, mut place) = (side / 2, 0);
-    while half > 0 {
-        let quarter;
-        (quarter, s, t) = match (s >= half, t >= half) {
-            (false, false) => (0, t, s),
-            (false, true) => (1, s, t - half),
-            (true, true) => (2, s - half, t - half),
-            (true, false) => (3, half - 1 - t, 2 * half - 1 - s),
-        };
-        place += quarter * half * half;
-        half /= 2;
-    }
-    place
-}
-
 struct Walk {
     width: i64,
     height: i64,
@@ -77,15 +57,6 @@ mod tests {
             let mut order = hilbert_order(width, height);
             order.sort_unstable();
             assert!(order.iter().copied().eq(0..(width * height) as u32), "{width}x{height}");
-        }
-    }
-
-    #[test]
-    fn places_ascend_along_the_curve() {
-        for (width, height) in [(1, 1), (1, 9), (5, 4), (64, 64), (33, 70)] {
-            let order = hilbert_order(width, height);
-            let places: Vec<u64> = order.iter().map(|&pixel| place(pixel, width, height)).collect();
-            assert!(places.is_sorted_by(|a, b| a < b), "{width}x{height}");
         }
     }
 

@@ -2,8 +2,10 @@
 
 mod error;
 
+mod blue_noise;
 mod border;
 mod entropy;
+mod fixed;
 mod hilbert;
 mod importance;
 mod parallel;
