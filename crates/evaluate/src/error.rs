@@ -13,6 +13,9 @@ pub enum Error {
     /// The renderer.
     #[error(transparent)]
     Render(#[from] gs_raster::Error),
+    /// Refinement.
+    #[error("refinement: {0}")]
+    Refine(#[source] refine::Error),
     /// Simulating a scene.
     #[error(transparent)]
     Simulate(#[from] scene_sim::Error),

@@ -1,5 +1,6 @@
 //! The figures of a window, and their means: over targets, then windows, then scenes.
 
+use crate::method::Refinement;
 use crate::plan::scene_of;
 use serde::{Serialize, Serializer};
 use sparsesplat::{Counts, ExposureGain, StageSeconds};
@@ -101,6 +102,10 @@ pub struct Figures {
     pub psnr_all: f64,
     /// Mean PSNR of the nearest context view, shown as it is, over the held-out targets.
     pub psnr_nearest_view: f64,
+    /// `psnr_held_out` before refinement; NaN where there was none.
+    pub psnr_held_out_feed_forward: f64,
+    /// `ssim_held_out` before refinement; NaN where there was none.
+    pub ssim_held_out_feed_forward: f64,
     /// Wall time by stage.
     pub seconds: Seconds,
 }
@@ -123,6 +128,8 @@ impl Figures {
             lpips_held_out: None,
             psnr_all: mean(|f| f.psnr_all),
             psnr_nearest_view: mean(|f| f.psnr_nearest_view),
+            psnr_held_out_feed_forward: mean(|f| f.psnr_held_out_feed_forward),
+            ssim_held_out_feed_forward: mean(|f| f.ssim_held_out_feed_forward),
             seconds: Seconds::mean(&all.iter().map(|f| f.seconds).collect::<Vec<_>>()),
         }
     }
@@ -150,6 +157,8 @@ pub struct Target {
     pub psnr: f64,
     /// SSIM.
     pub ssim: f64,
+    /// PSNR before refinement, dB; none if there was none.
+    pub psnr_feed_forward: Option<f64>,
     /// Name of the nearest context view.
     pub nearest_view: String,
     /// PSNR of that view shown as it is, dB.
@@ -172,8 +181,24 @@ pub struct WindowFigures {
     pub depth_range: (f64, f64),
     /// Gain and bias of each context view.
     pub exposure: Vec<ExposureGain>,
+    /// What refinement did, where there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refinement: Option<Refinement>,
     /// Every held-out target.
     pub per_target: Vec<Target>,
+}
+
+/// Quality at one moment of a refinement.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CurvePoint {
+    /// Steps done.
+    pub step: usize,
+    /// Time they took.
+    pub seconds: f64,
+    /// Mean PSNR over the context views, dB; of each the newest that is known.
+    pub psnr_context: f64,
+    /// Mean PSNR over the held-out targets, dB.
+    pub psnr_held_out: f64,
 }
 
 /// Spread over seeds: standard deviation of the sample.
@@ -322,6 +347,7 @@ pub(crate) mod tests {
             tau: None,
             depth_range: (1.0, 2.0),
             exposure: vec![],
+            refinement: None,
             per_target: vec![],
         };
         let seeds = psnrs.iter().enumerate().map(run).collect();

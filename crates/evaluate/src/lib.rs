@@ -5,6 +5,7 @@ mod error;
 mod plan;
 mod simulated;
 
+mod method;
 mod render;
 mod window;
 
@@ -16,12 +17,17 @@ mod table;
 mod colour;
 mod page;
 mod picture;
+mod plot;
 mod report;
 
 pub use error::{Error, Result};
-pub use figures::{Dropped, Figures, MeanRow, Seconds, Spread, Target, WindowFigures, WindowRow, means};
+pub use figures::{
+    CurvePoint, Dropped, Figures, MeanRow, Seconds, Spread, Target, WindowFigures, WindowRow, means,
+};
+pub use method::{Method, Refinement};
 pub use picture::{DepthScale, ERROR_GAIN, Picture};
 pub use plan::{Choice, Plan, Reading};
+pub use plot::refinement_plot;
 pub use protocol::{Baselines, Evaluation, Event, NearestView, PROTOCOL, evaluate};
 pub use recipe::{Machine, Recipe, peak_rss_bytes};
 pub use render::{Rendered, render_ellipsoids, render_view};

@@ -2,10 +2,9 @@
 
 use crate::figures::{Dropped, MeanRow, WindowRow, means};
 use crate::window::run_window;
-use crate::{Outcome, Plan, Step, Window};
+use crate::{Method, Outcome, Plan, Step, Window};
 use gs_raster::Rasterizer;
 use serde::Serialize;
-use sparsesplat::Config;
 
 /// What all tables have in common, in words.
 pub const PROTOCOL: &str = "Whole image, no border trimmed, black background, renders clipped to 0..1 and compared as floats \
@@ -70,14 +69,14 @@ pub struct NearestView {
     pub psnr_held_out: f64,
 }
 
-/// Runs every window with every seed. The configuration's own seed is not used; its depth range is replaced by a plan's
-/// where that has one.
+/// Runs every window with every seed. The method's own seed is not used; its depth range is replaced by a plan's where that
+/// has one.
 ///
 /// # Panics
 /// If `seeds` is empty.
 pub fn evaluate(
     plans: &[Plan],
-    config: &Config,
+    method: &Method,
     seeds: &[u64],
     rasterizer: &mut Rasterizer,
     on_event: &mut dyn FnMut(Event<'_>),
@@ -85,7 +84,7 @@ pub fn evaluate(
     assert!(!seeds.is_empty(), "an evaluation needs at least one seed");
     let (mut windows, mut dropped) = (Vec::new(), Vec::new());
     for plan in plans {
-        match run_plan(plan, config, seeds, rasterizer, on_event) {
+        match run_plan(plan, method, seeds, rasterizer, on_event) {
             Ok(row) => windows.push(row),
             Err(error) => {
                 let entry = Dropped::new(plan.name(), &error);
@@ -101,7 +100,7 @@ pub fn evaluate(
 
 fn run_plan(
     plan: &Plan,
-    config: &Config,
+    method: &Method,
     seeds: &[u64],
     rasterizer: &mut Rasterizer,
     on_event: &mut dyn FnMut(Event<'_>),
@@ -114,8 +113,10 @@ fn run_plan(
         if i > 0 {
             on_event(Event::Run { name: plan.name(), seed });
         }
-        let config = Config { seed, depth_range: plan.depth_range(config.depth_range), ..config.clone() };
-        let outcome = run_window(&window, &config, rasterizer, &mut |step| on_event(Event::Step(step)))?;
+        let mut method = method.clone();
+        method.predict.seed = seed;
+        method.predict.depth_range = plan.depth_range(method.predict.depth_range);
+        let outcome = run_window(&window, &method, rasterizer, &mut |step| on_event(Event::Step(step)))?;
         on_event(Event::Done { window: &window, outcome: &outcome });
         runs.push(outcome.figures);
     }

@@ -62,6 +62,10 @@ impl Report {
             tiles.push((format!("{} dB", decibel(figures.psnr_held_out)), "PSNR of views never seen"));
             tiles.push((number(figures.ssim_held_out, 3), "SSIM of views never seen"));
             tiles.push((format!("{gain:+.2} dB"), "above the nearest photograph"));
+            let refined = figures.psnr_held_out - figures.psnr_held_out_feed_forward;
+            if refined.is_finite() {
+                tiles.push((format!("{refined:+.2} dB"), "of it by refinement"));
+            }
         }
         tiles.push((count(figures.gaussians), "Gaussians"));
         let to_gaussians = figures.seconds.total - figures.seconds.render;
@@ -159,6 +163,13 @@ fn in_words(window: &Window, outcome: &Outcome) -> String {
             decibel(figures.psnr_nearest_view)
         );
     }
+    if let Some(refinement) = &outcome.figures.refinement {
+        let (steps, seconds) = (refinement.report.steps.len(), refinement.report.seconds);
+        let _ = write!(text, "; refined in {steps} steps, {}", duration(seconds));
+        if figures.psnr_held_out_feed_forward.is_finite() {
+            let _ = write!(text, ", from {} dB", decibel(figures.psnr_held_out_feed_forward));
+        }
+    }
     text
 }
 
@@ -171,10 +182,12 @@ fn targets(window: &Window, outcome: &Outcome, scale: DepthScale, limits: Pictur
     html.push_str("<span>A click enlarges a picture.</span></div>\n");
     let rows = window.targets.iter().zip(&outcome.renderings).zip(&outcome.figures.per_target);
     for ((view, rendering), target) in rows.take(shown) {
-        let Target { name, psnr, ssim, nearest_view, psnr_nearest_view } = target;
+        let Target { name, psnr, ssim, psnr_feed_forward, nearest_view, psnr_nearest_view } = target;
+        let before = psnr_feed_forward
+            .map_or(String::new(), |before| format!("; before refinement {} dB", decibel(before)));
         let _ = write!(
             html,
-            "<p class=\"target\">{} &nbsp; {} dB, SSIM {} <span>(nearest photograph, {}, shown as it is: {} dB)</span></p>\n\
+            "<p class=\"target\">{} &nbsp; {} dB, SSIM {}{before} <span>(nearest photograph, {}, shown as it is: {} dB)</span></p>\n\
              <div class=\"row four\">\n",
             escape(name),
             decibel(*psnr),

@@ -83,12 +83,16 @@ impl Table {
 /// The table of an evaluation: a row per window if `with_windows`, a row per scene, the mean.
 #[must_use]
 pub fn figures_table(windows: &[WindowRow], scenes: &[MeanRow], mean: &MeanRow, with_windows: bool) -> Table {
-    let head = ["scene", "Gaussians", "shell", "PSNR", "SSIM", "PSNR all", "nearest view", "gain", "seconds"];
-    let mut table = Table::new(&head, 1);
+    // Refined and feed-forward results never share a column.
+    let refined = windows.iter().any(|window| window.seeds.iter().any(|run| run.refinement.is_some()));
+    let quality: &[&str] =
+        if refined { &["feed-forward PSNR", "SSIM", "refined PSNR", "SSIM"] } else { &["PSNR", "SSIM"] };
+    let head = [&["scene", "Gaussians", "shell"], quality, &["PSNR all", "nearest view", "gain", "seconds"]];
+    let mut table = Table::new(&head.concat(), 1);
     for scene in scenes {
         if with_windows {
             for window in windows.iter().filter(|window| window.scene() == scene.name) {
-                table.push(cells(&window.name, &window.figures, window.spread));
+                table.push(cells(&window.name, &window.figures, window.spread, refined));
             }
         }
         let name = match (with_windows, scene.members) {
@@ -96,31 +100,35 @@ pub fn figures_table(windows: &[WindowRow], scenes: &[MeanRow], mean: &MeanRow, 
             (true, 1) => continue,
             (true, members) => format!("{} (mean of {members})", scene.name),
         };
-        table.push(cells(&name, &scene.figures, scene.spread));
+        table.push(cells(&name, &scene.figures, scene.spread, refined));
     }
     if scenes.len() > 1 {
-        table.push(cells(&format!("mean of {} scenes", mean.members), &mean.figures, mean.spread));
+        let name = format!("mean of {} scenes", mean.members);
+        table.push(cells(&name, &mean.figures, mean.spread, refined));
     }
     table
 }
 
-fn cells(name: &str, figures: &Figures, spread: Option<Spread>) -> Vec<String> {
+fn cells(name: &str, figures: &Figures, spread: Option<Spread>, refined: bool) -> Vec<String> {
     let with =
         |text: String, spread: Option<f64>, digits: usize| match spread.filter(|spread| spread.is_finite()) {
             Some(spread) => format!("{text} ±{spread:.digits$}"),
             None => text,
         };
-    vec![
-        name.to_owned(),
-        count(figures.gaussians),
-        count(figures.gaussians_shell),
+    let mut cells = vec![name.to_owned(), count(figures.gaussians), count(figures.gaussians_shell)];
+    if refined {
+        cells.push(decibel(figures.psnr_held_out_feed_forward));
+        cells.push(number(figures.ssim_held_out_feed_forward, 3));
+    }
+    cells.extend([
         with(decibel(figures.psnr_held_out), spread.map(|s| s.psnr_held_out), 2),
         with(number(figures.ssim_held_out, 3), spread.map(|s| s.ssim_held_out), 3),
         decibel(figures.psnr_all),
         decibel(figures.psnr_nearest_view),
         signed(figures.psnr_held_out - figures.psnr_nearest_view),
         number(figures.seconds.total, 2),
-    ]
+    ]);
+    cells
 }
 
 /// dB with two digits; `inf` for equal images, `-` where there is none.

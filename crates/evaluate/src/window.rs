@@ -1,12 +1,13 @@
 //! One window: context views in, targets rendered and measured.
 
 use crate::figures::{Figures, Seconds, Target, WindowFigures, mean};
+use crate::method::Refinement;
 use crate::render::{Rendered, render_view};
-use crate::{Error, Result};
+use crate::{Error, Method, Result};
 use gs_raster::Rasterizer;
-use gs_scene::{Image, View};
+use gs_scene::{Gaussians, Image, View};
 use image_metrics::{psnr, ssim};
-use sparsesplat::{Config, Prediction, Stage, predict};
+use sparsesplat::{Prediction, Stage};
 use std::time::Instant;
 
 /// Views of one scene: some to reconstruct from, some held out to be measured on.
@@ -27,13 +28,20 @@ pub struct Window {
 }
 
 /// What is being done, for progress bars.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Step {
     /// Photographs are read.
     Load,
     /// A stage of the pipeline begins.
     Predict(Stage),
+    /// A step of refinement is done.
+    Refine {
+        /// Share of the steps, or of the time, that is behind, 0 to 1.
+        progress: f64,
+        /// Mean PSNR over the context views, dB.
+        psnr_context: f64,
+    },
     /// A view is rendered and measured.
     Render,
 }
@@ -49,22 +57,52 @@ pub struct Outcome {
     pub renderings: Vec<Rendered>,
 }
 
-/// Reconstructs a window and renders nothing: figures that need a rendering are NaN.
+/// Reconstructs a window and renders none of its views: figures that need a rendering are NaN.
 ///
 /// # Errors
-/// If the views do not suffice for the settings.
+/// If the views do not suffice for the settings, or the scene cannot be refined.
 pub fn reconstruct_window(
     window: &Window,
-    config: &Config,
+    method: &Method,
+    rasterizer: &mut Rasterizer,
     on_step: &mut dyn FnMut(Step),
 ) -> Result<Outcome> {
-    let begin = Instant::now();
-    let prediction = predict(&window.context, config, &mut |stage| on_step(Step::Predict(stage)))?;
-    let seconds = Seconds {
-        load: window.load_seconds,
-        total: window.load_seconds + begin.elapsed().as_secs_f64(),
-        ..Seconds::default()
-    };
+    let mut taken = Stopwatch::new();
+    let mut prediction = taken.time(|| method.predict(window, on_step))?;
+    let nothing = |_: &Gaussians, _: &mut Rasterizer| Ok(f64::NAN);
+    let refinement = method.refine(window, &mut prediction, rasterizer, &nothing, on_step)?;
+    Ok(outcome(window, method, prediction, refinement, taken.seconds))
+}
+
+/// Wall time of what is timed, seconds.
+struct Stopwatch {
+    seconds: f64,
+}
+
+impl Stopwatch {
+    fn new() -> Self {
+        Self { seconds: 0.0 }
+    }
+
+    fn time<T>(&mut self, work: impl FnOnce() -> T) -> T {
+        let begin = Instant::now();
+        let result = work();
+        self.seconds += begin.elapsed().as_secs_f64();
+        result
+    }
+}
+
+/// An outcome with the figures that need no rendering; `pass` are the seconds of the forward pass.
+fn outcome(
+    window: &Window,
+    method: &Method,
+    prediction: Prediction,
+    refinement: Option<Refinement>,
+    pass: f64,
+) -> Outcome {
+    let refine = refinement.as_ref().map_or(0.0, |refinement| refinement.report.seconds);
+    let total = window.load_seconds + pass + refine;
+    let seconds = Seconds { load: window.load_seconds, refine, total, ..Seconds::default() };
     let figures = Figures {
         gaussians: prediction.counts.total as f64,
         gaussians_shell: prediction.counts.shell as f64,
@@ -72,46 +110,66 @@ pub fn reconstruct_window(
         ..Figures::mean(&[])
     };
     let figures = WindowFigures {
-        seed: config.seed,
+        seed: method.predict.seed,
         figures,
         counts: prediction.counts.clone(),
         tau: prediction.tau,
         depth_range: prediction.depth_range,
         exposure: prediction.exposure.clone(),
+        refinement,
         per_target: Vec::new(),
     };
-    Ok(Outcome { figures, prediction, renderings: Vec::new() })
+    Outcome { figures, prediction, renderings: Vec::new() }
 }
 
 /// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are compared as they
-/// are, floats clipped to 0..1, over a black background, in the common exposure: nothing is fitted to a target.
+/// are, floats clipped to 0..1, over a black background, in the common exposure: nothing is fitted to a target. With
+/// refinement the targets are measured before it as well.
 ///
 /// # Errors
-/// If the views do not suffice for the settings, a view cannot be rendered, or the sizes of two pictures that are to be
-/// compared differ.
+/// If the views do not suffice for the settings, the scene cannot be refined, a view cannot be rendered, or the sizes of two
+/// pictures that are to be compared differ.
 pub fn run_window(
     window: &Window,
-    config: &Config,
+    method: &Method,
     rasterizer: &mut Rasterizer,
     on_step: &mut dyn FnMut(Step),
 ) -> Result<Outcome> {
-    let Outcome { mut figures, prediction, .. } = reconstruct_window(window, config, on_step)?;
-    let mut render_seconds = 0.0;
+    let mut taken = Stopwatch::new();
+    let mut prediction = taken.time(|| method.predict(window, on_step))?;
+    let mut before = Vec::new();
+    if method.refine.is_some() {
+        for target in &window.targets {
+            on_step(Step::Render);
+            let image = render_view(rasterizer, &prediction.gaussians, target.camera())?.image;
+            before.push((compare(psnr, target, &image)?, compare(ssim, target, &image)?));
+        }
+    }
+    let held_out = |scene: &Gaussians, rasterizer: &mut Rasterizer| -> Result<f64> {
+        let each = window
+            .targets
+            .iter()
+            .map(|target| compare(psnr, target, &render_view(rasterizer, scene, target.camera())?.image));
+        Ok(mean(each.collect::<Result<Vec<_>>>()?.into_iter()))
+    };
+    let refinement = method.refine(window, &mut prediction, rasterizer, &held_out, on_step)?;
+    let Outcome { mut figures, prediction, .. } =
+        outcome(window, method, prediction, refinement, taken.seconds);
+
+    let mut rendering = Stopwatch::new();
     let mut render_timed = |view: &View| {
         on_step(Step::Render);
-        let begin = Instant::now();
-        let rendered = render_view(rasterizer, &prediction.gaussians, view.camera());
-        render_seconds += begin.elapsed().as_secs_f64();
-        rendered
+        rendering.time(|| render_view(rasterizer, &prediction.gaussians, view.camera()))
     };
     let mut renderings = Vec::with_capacity(window.targets.len());
-    for target in &window.targets {
+    for (i, target) in window.targets.iter().enumerate() {
         let rendered = render_timed(target)?;
         let nearest = nearest_view(target, &window.context)?;
         figures.per_target.push(Target {
             name: target.name().to_owned(),
             psnr: compare(psnr, target, &rendered.image)?,
             ssim: compare(ssim, target, &rendered.image)?,
+            psnr_feed_forward: before.get(i).map(|(psnr, _)| *psnr),
             nearest_view: nearest.name().to_owned(),
             psnr_nearest_view: compare(psnr, target, nearest.image())?,
         });
@@ -125,10 +183,12 @@ pub fn run_window(
     let means = &mut figures.figures;
     means.psnr_held_out = mean(targets.iter().map(|target| target.psnr));
     means.ssim_held_out = mean(targets.iter().map(|target| target.ssim));
+    means.psnr_held_out_feed_forward = mean(before.iter().map(|(psnr, _)| *psnr));
+    means.ssim_held_out_feed_forward = mean(before.iter().map(|(_, ssim)| *ssim));
     means.psnr_all = mean(targets.iter().map(|target| target.psnr).chain(context_psnr));
     means.psnr_nearest_view = mean(targets.iter().map(|target| target.psnr_nearest_view));
-    means.seconds.render = render_seconds;
-    means.seconds.total += render_seconds;
+    means.seconds.render = rendering.seconds;
+    means.seconds.total += rendering.seconds;
     Ok(Outcome { figures, prediction, renderings })
 }
 

@@ -63,7 +63,7 @@ pub fn refine(
         report.undone += usize::from(loss.is_none());
         round.views += chosen.len();
         if round.views >= views.len() {
-            round.views -= views.len();
+            round.views %= views.len();
             if round.is_last(work.context_psnr(), config.smallest_gain) {
                 report.stopped = Some(Stopped::NothingGained);
             }

@@ -1,6 +1,8 @@
 //! Arguments that several commands share, and how their values are read.
 
 use clap::{Args, ValueEnum};
+use evaluate::Method;
+use refine::Stop;
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Head, Sampler};
 use std::path::PathBuf;
 
@@ -61,6 +63,12 @@ pub(crate) struct Pipeline {
     /// Neighbours of each anchor
     #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20)]
     pub(crate) neighbours: usize,
+    /// After the forward pass, so many gradient steps on the photographs (60 are a good start)
+    #[arg(long, value_name = "STEPS", help_heading = "Refinement", conflicts_with = "refine_seconds")]
+    pub(crate) refine: Option<usize>,
+    /// Or as many as fit into this time
+    #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement")]
+    pub(crate) refine_seconds: Option<f64>,
 }
 
 /// `--depth-range` as given.
@@ -113,8 +121,19 @@ pub(crate) enum HeadName {
 }
 
 impl Pipeline {
-    /// The pipeline's configuration. `Hint` is left as `Estimate` here: only the data set can resolve it.
-    pub(crate) fn config(&self, seed: u64) -> Config {
+    /// Photographs to Gaussians, refinement included.
+    pub(crate) fn method(&self, seed: u64) -> Method {
+        let stop = match (self.refine, self.refine_seconds) {
+            (Some(steps), _) => Some(Stop::Steps(steps)),
+            (None, Some(seconds)) => Some(Stop::Seconds(seconds)),
+            (None, None) => None,
+        };
+        let refine = stop.map(|stop| refine::Config { stop, seed, ..refine::Config::default() });
+        Method { refine, ..Method::feed_forward(self.config(seed)) }
+    }
+
+    /// The forward pass. `Hint` is left as `Estimate` here: only the data set can resolve it.
+    fn config(&self, seed: u64) -> Config {
         Config {
             backbone: match self.backbone {
                 BackboneName::GivenDepth => Backbone::GivenDepth,
@@ -171,6 +190,15 @@ fn tau(text: &str) -> Result<f64, String> {
         Ok(tau)
     } else {
         Err("expected a finite number above 0".to_owned())
+    }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().unwrap_or(f64::NAN);
+    if (0.0..1e6).contains(&seconds) {
+        Ok(seconds)
+    } else {
+        Err("expected a number of seconds, such as 3 or 0.5".to_owned())
     }
 }
 
@@ -235,6 +263,7 @@ mod tests {
             assert!(size(bad).is_err(), "{bad}");
         }
         assert!(on_off("On").is_err() && tau("0").is_err() && tau("inf").is_err() && tau("nan").is_err());
+        assert!(seconds("nan").is_err() && seconds("-1").is_err() && seconds("2.5") == Ok(2.5));
         assert!(positive("0").is_err() && positive("-1").is_err() && positive("3") == Ok(3));
     }
 }

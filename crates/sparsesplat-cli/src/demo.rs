@@ -4,7 +4,7 @@ use crate::arguments::{Common, Pipeline, Range, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
-use crate::summary::{counts_line, memory_line, print, print_line, seconds_line};
+use crate::summary::{counts_line, memory_line, print, print_line, refinement_line, seconds_line};
 use crate::{output, threads};
 use clap::Args;
 use evaluate::{
@@ -21,7 +21,7 @@ use std::time::Instant;
 /// what the reconstruction shows. Writes scene.ply, images/, report.html (open it in a browser) and result.json.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sparsesplat demo\n  sparsesplat demo --gaussians 150k -o out/demo150\n  \
+    after_help = "Examples:\n  sparsesplat demo\n  sparsesplat demo --gaussians 150k -o out/demo150\n  sparsesplat demo --refine 60\n  \
                         sparsesplat demo --backbone given-depth      with the simulation's exact depth"
 )]
 pub(crate) struct Arguments {
@@ -57,7 +57,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         ));
     }
     output::check_folder(&arguments.output)?;
-    let config = arguments.pipeline.config(arguments.seed);
+    let method = arguments.pipeline.method(arguments.seed);
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
     let progress = Progress::new(1);
@@ -65,7 +65,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let begin = Instant::now();
     let window = simulated_window(arguments.size.unwrap_or(SIMULATED_SIZE)).or_input()?;
     let simulation = begin.elapsed().as_secs_f64();
-    let mut outcome = run_window(&window, &config, &mut rasterizer, &mut |step| progress.say(describe(step)))
+    let mut outcome = run_window(&window, &method, &mut rasterizer, &mut |step| progress.say(describe(step)))
         .map_err(Failure::sorted)?;
 
     progress.say("writing");
@@ -89,7 +89,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
 
     let peak = peak_rss_bytes();
-    let recipe = Recipe::of_this_run(config.seed, threads(), &config);
+    let recipe = Recipe::of_this_run(arguments.seed, threads(), &method);
     let row = WindowRow::new(
         window.name.clone(),
         window.context_positions.clone(),
@@ -126,6 +126,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         window.context.len() + window.targets.len()
     ));
     print_line(&counts_line(&outcome.figures));
+    if let Some(line) = refinement_line(&outcome.figures) {
+        print_line(&line);
+    }
     print_line(&seconds_line(&outcome.figures));
     print_line(&memory_line(peak));
     print_line(&device.line());

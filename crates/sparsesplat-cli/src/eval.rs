@@ -8,8 +8,8 @@ use crate::summary::{print, print_line};
 use crate::{output, threads};
 use clap::{Args, ValueEnum};
 use evaluate::{
-    Evaluation, Event, PictureLimits, Plan, Reading, Recipe, Report, SIMULATED_SIZE, evaluate, figures_table,
-    peak_rss_bytes,
+    Evaluation, Event, Method, PictureLimits, Plan, Reading, Recipe, Report, SIMULATED_SIZE, evaluate,
+    figures_table, peak_rss_bytes, refinement_plot,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -22,6 +22,7 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  \
     sparsesplat eval --dataset simulated\n  \
     sparsesplat eval --dataset nerfstudio --root data/fox --index data/fox/evaluation_index.json --json fox.json\n  \
+    sparsesplat eval --dataset nerfstudio --root data --refine 200 --refine-plot refine.svg\n  \
     sparsesplat eval --dataset nerfstudio --root data --seeds 0,1,2 --report report.html\n\n\
     With several scenes below --root, every sub-folder with transforms.json and evaluation_index.json is taken.\n\
     A window that fails is listed as dropped, and the exit code is 1.")]
@@ -47,6 +48,9 @@ pub(crate) struct Arguments {
     /// Also write a page with pictures
     #[arg(long, value_name = "PATH")]
     report: Option<PathBuf>,
+    /// Also measure held-out views along the way of --refine, and draw PSNR over seconds (SVG)
+    #[arg(long, value_name = "PATH")]
+    refine_plot: Option<PathBuf>,
     /// Print the table as Markdown
     #[arg(long)]
     markdown: bool,
@@ -77,6 +81,12 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     if let Some(path) = &arguments.report {
         output::check_file(path)?;
     }
+    if let Some(path) = &arguments.refine_plot {
+        output::check_file(path)?;
+        if arguments.pipeline.refine.is_none() && arguments.pipeline.refine_seconds.is_none() {
+            return Err(Failure::input("--refine-plot needs --refine STEPS or --refine-seconds S"));
+        }
+    }
     let mut seeds = arguments.seeds.clone();
     seeds.dedup();
     let reading = Reading { size: arguments.size, depth_hint: arguments.pipeline.depth_range == Range::Hint };
@@ -96,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         (Dataset::Nerfstudio, Some(root), None) => Plan::below(root, arguments.views, reading).or_input()?,
     };
 
-    let config = arguments.pipeline.config(seeds[0]);
+    let method = Method { curve: arguments.refine_plot.is_some(), ..arguments.pipeline.method(seeds[0]) };
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
     let limits = PictureLimits::for_windows(plans.len());
@@ -104,7 +114,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut problem = None;
     let progress = Progress::new(plans.len() * seeds.len());
     let mut running = String::new();
-    let mut evaluation = evaluate(&plans, &config, &seeds, &mut rasterizer, &mut |event| match event {
+    let mut evaluation = evaluate(&plans, &method, &seeds, &mut rasterizer, &mut |event| match event {
         Event::Run { name, seed } => running = format!("{name} (seed {seed})"),
         Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
         Event::Done { window, outcome } => {
@@ -131,7 +141,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         print_line(&device.line());
     }
     let peak = peak_rss_bytes();
-    let settings = Settings { seeds: &seeds, reading, pipeline: &config };
+    let settings = Settings { seeds: &seeds, reading, method: &method };
     let recipe = Recipe::of_this_run(seeds[0], threads(), settings);
     if let Some(path) = &common.json {
         let record =
@@ -149,6 +159,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         output::write_text(path, &report.to_html(&output::to_json(&recipe)?))?;
         print_line(&format!("report     {}", path.display()));
     }
+    if let Some(path) = &arguments.refine_plot {
+        output::write_text(path, &refinement_plot(&evaluation.windows))?;
+        print_line(&format!("plot       {}", path.display()));
+    }
     match evaluation.dropped.len() {
         0 => Ok(()),
         n => Err(Failure::work(format!("{n} windows or scenes were dropped and are not in the means"))),
@@ -162,5 +176,5 @@ struct Settings<'a> {
     reading: Reading,
     /// With the depth hint, the range is the data set's.
     #[serde(flatten)]
-    pipeline: &'a sparsesplat::Config,
+    method: &'a Method,
 }

@@ -52,8 +52,8 @@ impl Drop for Progress {
 }
 
 /// What a step does, for people.
-pub(crate) fn describe(step: Step) -> &'static str {
-    match step {
+pub(crate) fn describe(step: Step) -> String {
+    let what = match step {
         Step::Load => "reading photographs",
         Step::Predict(Stage::Backbone) => "estimating depth",
         Step::Predict(Stage::Exposure) => "levelling exposure",
@@ -61,7 +61,14 @@ pub(crate) fn describe(step: Step) -> &'static str {
         Step::Predict(Stage::Backproject) => "placing anchors",
         Step::Predict(Stage::Knn) => "finding neighbours",
         Step::Predict(Stage::Head | Stage::Decode | Stage::Shell) => "making Gaussians",
+        Step::Refine { progress, psnr_context } => {
+            const WIDTH: usize = 20;
+            let done = (progress * WIDTH as f64) as usize;
+            let bar: String = (0..WIDTH).map(|i| if i < done { '#' } else { '.' }).collect();
+            return format!("refining {bar} {psnr_context:.2} dB on the photographs");
+        }
         Step::Render => "rendering",
         _ => "working",
-    }
+    };
+    what.to_owned()
 }

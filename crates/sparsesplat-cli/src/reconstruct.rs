@@ -4,13 +4,14 @@ use crate::arguments::{Common, Pipeline, Range, positive, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
-use crate::summary::{counts_line, memory_line, print_line, seconds_line};
+use crate::summary::{counts_line, memory_line, print_line, refinement_line, seconds_line};
 use crate::{output, threads};
 use clap::Args;
 use evaluate::{
     Choice, PictureLimits, Plan, Reading, Recipe, Report, Step, WindowFigures, peak_rss_bytes,
     reconstruct_window, run_window,
 };
+use gs_raster::Rasterizer;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -24,6 +25,7 @@ use std::time::Instant;
     sparsesplat reconstruct data/fox -o fox.ply\n  \
     sparsesplat reconstruct data/fox --views 8 --gaussians 150k -o fox.ply --report fox.html\n  \
     sparsesplat reconstruct data/fox --index data/fox/evaluation_index.json --window fox/1 -o fox.ply\n  \
+    sparsesplat reconstruct data/fox --refine 60 -o fox.ply             some dB more for some seconds\n  \
     sparsesplat reconstruct data/kitchen --backbone given-depth --tau 0.3 -o kitchen.ply")]
 pub(crate) struct Arguments {
     /// Folder with transforms.json and photographs
@@ -78,21 +80,20 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         _ => Plan::selection(&arguments.input, arguments.views, reading),
     }
     .or_input()?;
-    let mut config = arguments.pipeline.config(arguments.seed);
-    config.depth_range = plan.depth_range(config.depth_range);
+    let mut method = arguments.pipeline.method(arguments.seed);
+    method.predict.depth_range = plan.depth_range(method.predict.depth_range);
 
-    let mut rasterizer = match arguments.report {
-        Some(_) => Some(device::rasterizer(common.device)?),
-        None => None,
-    };
-    let device = rasterizer.as_ref().map(UsedDevice::of);
+    // Nobody waits for a GPU that has nothing to do.
+    let renders = arguments.report.is_some() || method.refine.is_some();
+    let mut rasterizer = if renders { device::rasterizer(common.device)? } else { Rasterizer::cpu() };
+    let device = renders.then(|| UsedDevice::of(&rasterizer));
     let progress = Progress::new(1);
     progress.say(describe(Step::Load));
     let window = plan.load(arguments.report.is_some()).or_input()?;
     let mut on_step = |step| progress.say(describe(step));
-    let mut outcome = match &mut rasterizer {
-        Some(rasterizer) => run_window(&window, &config, rasterizer, &mut on_step),
-        None => reconstruct_window(&window, &config, &mut on_step),
+    let mut outcome = match arguments.report {
+        Some(_) => run_window(&window, &method, &mut rasterizer, &mut on_step),
+        None => reconstruct_window(&window, &method, &mut rasterizer, &mut on_step),
     }
     .map_err(Failure::sorted)?;
     progress.say("writing");
@@ -103,7 +104,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     seconds.total += seconds.write;
 
     let peak = peak_rss_bytes();
-    let recipe = Recipe::of_this_run(config.seed, threads(), &config);
+    let recipe = Recipe::of_this_run(arguments.seed, threads(), &method);
     if let Some(path) = &arguments.report {
         let mut report = Report::new("SparseSplat reconstruction", "Posed photographs in, 3D Gaussians out.");
         report.headline(&outcome.figures.figures, peak);
@@ -130,6 +131,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         print_line(&format!("coverage   {:.0} % of the frames are left uncovered", 100.0 * uncovered));
     }
     print_line(&counts_line(&outcome.figures));
+    if let Some(line) = refinement_line(&outcome.figures) {
+        print_line(&line);
+    }
     print_line(&seconds_line(&outcome.figures));
     print_line(&memory_line(peak));
     if let Some(device) = &device {

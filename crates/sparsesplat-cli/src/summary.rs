@@ -26,6 +26,29 @@ pub(crate) fn counts_line(figures: &WindowFigures) -> String {
     )
 }
 
+/// What refinement did, if there was one.
+pub(crate) fn refinement_line(figures: &WindowFigures) -> Option<String> {
+    let report = &figures.refinement.as_ref()?.report;
+    let psnr = report.steps.last().map_or(report.psnr_start, |step| step.psnr_context);
+    let mut line = format!(
+        "refined    {} steps, {:.2} s: from {:.2} to {psnr:.2} dB on the photographs",
+        report.steps.len(),
+        report.seconds,
+        report.psnr_start
+    );
+    if report.stopped == Some(refine::Stopped::NothingGained) {
+        line += "; stopped, nothing more was gained";
+    }
+    if report.undone > 0 {
+        line += &format!("; {} steps were not finite and undone", report.undone);
+    }
+    if !report.pruned.is_empty() {
+        line +=
+            &format!("; {} Gaussians became invisible and were dropped", count(report.pruned.len() as f64));
+    }
+    Some(line)
+}
+
 /// Time by stage.
 pub(crate) fn seconds_line(figures: &WindowFigures) -> String {
     let seconds = &figures.figures.seconds;

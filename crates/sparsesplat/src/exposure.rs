@@ -136,12 +136,3 @@ pub(crate) fn equalise(views: &[View], geometry: &[ViewGeometry]) -> Vec<Exposur
         })
         .collect()
 }
-
-/// Brings a view's picture to the common exposure.
-pub(crate) fn apply(view: &mut View, exposure: ExposureGain) {
-    if exposure != (ExposureGain { gain: 1.0, bias: 0.0 }) {
-        for value in view.image_mut().data_mut() {
-            *value = exposure.gain * *value + exposure.bias;
-        }
-    }
-}

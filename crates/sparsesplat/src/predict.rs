@@ -36,7 +36,7 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
     let (exposed, exposure) = timed(&mut seconds.exposure, || {
         let exposure = exposure::equalise(views, &geometry);
         let mut exposed = views.to_vec();
-        exposed.iter_mut().zip(&exposure).for_each(|(view, &exposure)| exposure::apply(view, exposure));
+        exposed.iter_mut().zip(&exposure).for_each(|(view, exposure)| exposure.apply(view));
         (exposed, exposure)
     });
 

@@ -1,5 +1,5 @@
 use depth_backbone::ViewGeometry;
-use gs_scene::Gaussians;
+use gs_scene::{Gaussians, View};
 use serde::Serialize;
 
 /// What one pass over a set of views gives.
@@ -39,6 +39,33 @@ pub struct ExposureGain {
     pub gain: f32,
     /// Offset, display-referred, 0..1.
     pub bias: f32,
+}
+
+impl ExposureGain {
+    /// Brings a view's picture into the common exposure.
+    pub fn apply(self, view: &mut View) {
+        if self != (Self { gain: 1.0, bias: 0.0 }) {
+            for value in view.image_mut().data_mut() {
+                *value = self.gain * *value + self.bias;
+            }
+        }
+    }
+}
+
+impl Counts {
+    /// The counts when Gaussians at these places, ascending, are dropped.
+    #[must_use]
+    pub fn without(&self, dropped: &[u32]) -> Self {
+        let mut end = 0;
+        let mut left = |count: usize| {
+            let begin = dropped.partition_point(|&i| (i as usize) < end);
+            end += count;
+            count - (dropped.partition_point(|&i| (i as usize) < end) - begin)
+        };
+        let per_view: Vec<usize> = self.per_view.iter().map(|&count| left(count)).collect();
+        let shell = left(self.shell);
+        Self { total: per_view.iter().sum::<usize>() + shell, per_view, shell }
+    }
 }
 
 /// A stage of the pipeline, in order.
@@ -82,4 +109,19 @@ pub struct StageSeconds {
     pub head: f64,
     /// Attributes to one set of Gaussians.
     pub decode: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dropped_gaussians_are_taken_off_where_they_come_from() {
+        let counts = Counts { total: 10, per_view: vec![3, 0, 4], shell: 3 };
+        assert_eq!(counts.without(&[]), counts);
+        let left = counts.without(&[0, 2, 3, 9]);
+        assert_eq!(left, Counts { total: 6, per_view: vec![1, 0, 3], shell: 2 });
+        let all: Vec<u32> = (0..10).collect();
+        assert_eq!(counts.without(&all), Counts { total: 0, per_view: vec![0, 0, 0], shell: 0 });
+    }
 }

@@ -67,7 +67,7 @@ fn gaussians_that_are_none_are_kept_as_they_are_or_pruned() {
     let kept_rows: Vec<&[f32]> = kept.gaussians.geometry().chunks_exact(11).collect();
     let expected = [&kept_rows[..3], &kept_rows[4..5], &kept_rows[6..9], &kept_rows[10..]].concat().concat();
     assert_eq!(pruned.gaussians.geometry(), expected);
-    let cameras: Vec<_> = views.iter().map(|view| view.camera().clone()).collect();
+    let cameras: Vec<_> = views.iter().map(|view| *view.camera()).collect();
     let (a, b) = (photographs(&kept.gaussians, &cameras), photographs(&pruned.gaussians, &cameras));
     assert!(a.iter().zip(&b).all(|(a, b)| a.image() == b.image()));
 }

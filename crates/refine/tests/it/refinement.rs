@@ -12,7 +12,7 @@ fn run(scene: &Gaussians, views: &[View], config: &Config) -> Refined {
 
 /// Mean PSNR of the views of a scene.
 fn quality(scene: &Gaussians, views: &[View]) -> f64 {
-    let cameras: Vec<_> = views.iter().map(|view| view.camera().clone()).collect();
+    let cameras: Vec<_> = views.iter().map(|view| *view.camera()).collect();
     let seen = photographs(scene, &cameras);
     let each = views.iter().zip(&seen).map(|(a, b)| psnr(a.image(), b.image()).unwrap());
     each.sum::<f64>() / views.len() as f64

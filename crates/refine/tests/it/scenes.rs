@@ -73,7 +73,7 @@ pub(crate) fn photographs(scene: &Gaussians, cameras: &[Camera]) -> Vec<View> {
     let view = |(i, camera): (usize, &Camera)| {
         let settings = RenderSettings { near: near_plane(scene, camera), ..RenderSettings::default() };
         let image: Image = rasterizer.render(scene, camera, &settings).unwrap().image;
-        View::new(format!("view-{i}"), image, camera.clone(), None).unwrap()
+        View::new(format!("view-{i}"), image, *camera, None).unwrap()
     };
     cameras.iter().enumerate().map(view).collect()
 }

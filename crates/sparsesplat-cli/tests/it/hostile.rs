@@ -156,6 +156,13 @@ fn arguments_out_of_range() {
         refused(&tiny.reconstruct(&arguments), &[part]);
     }
     refused(&tiny.reconstruct(&["--gaussians", "1k", "--tau", "1"]), &["cannot be used with"]);
+    refused(&tiny.reconstruct(&["--refine", "5", "--refine-seconds", "1"]), &["cannot be used with"]);
+    refused(&tiny.reconstruct(&["--refine", "-1"]), &["-1"]);
+    refused(&tiny.reconstruct(&["--refine-seconds", "nan"]), &["--refine-seconds"]);
+    refused(
+        &call(&["eval", "--dataset", "simulated", "--refine-plot", "x.svg"]),
+        &["--refine-plot", "--refine"],
+    );
     refused(&call(&["eval", "--dataset", "nerfstudio"]), &["--root"]);
     refused(&call(&["demo", "--depth-range", "hint"]), &["no hint"]);
 }

@@ -1,7 +1,7 @@
 //! What the commands do when all is well.
 
 use crate::tiny::{RANGE, SIZE, Tiny, call, read_json, window};
-use evaluate::{reconstruct_window, render_view};
+use evaluate::{Method, reconstruct_window, render_view};
 use gs_raster::Rasterizer;
 use gs_scene::{read_ply, write_ply};
 use serde_json::Value;
@@ -57,7 +57,9 @@ fn a_written_and_read_scene_renders_as_before() {
         depth_range: DepthRange::Known { near: 2.0, far: 20.0 },
         ..Config::default()
     };
-    let scene = reconstruct_window(window(), &config, &mut |_| {}).unwrap().prediction.gaussians;
+    let method = Method::feed_forward(config);
+    let outcome = reconstruct_window(window(), &method, &mut Rasterizer::cpu(), &mut |_| {}).unwrap();
+    let scene = outcome.prediction.gaussians;
     let path = tiny.beside("scene.ply");
     write_ply(&path, &scene).unwrap();
     let read = read_ply(&path).unwrap();
@@ -138,6 +140,50 @@ fn an_evaluation_has_figures_for_every_window_and_names_what_it_dropped() {
     let page = fs::read_to_string(&report).unwrap();
     assert!(page.contains("tiny/0") && page.contains("data:image/jpeg;base64,") && page.contains("<svg"));
     assert!(!page.contains("http://") && !page.contains("https://") && !page.contains("<script"));
+}
+
+#[test]
+fn refinement_makes_the_scene_better_and_says_how() {
+    let tiny = Tiny::new();
+    let index = r#"{"tiny/0": {"context": [0, 2, 4, 6, 8, 10], "target": [3, 7]}}"#;
+    fs::write(tiny.path("evaluation_index.json"), index).unwrap();
+    let (json, plot) = (tiny.beside("eval.json"), tiny.beside("refine.svg"));
+    let (folder, depth) = (tiny.beside(""), ["--depth-range", "hint"]);
+    let [folder, json_path, plot_path] = [&folder, &json, &plot].map(|path| path.to_str().unwrap());
+    let eval = ["eval", "--dataset", "nerfstudio", "--root", folder, "--gaussians", "2k", "--device", "cpu"];
+    let refine = ["--refine", "20", "--json", json_path, "--refine-plot", plot_path];
+    let called = call(&[&eval[..], &depth, &refine].concat()).succeeded();
+    assert!(
+        called.stdout.contains("feed-forward PSNR") && called.stdout.contains("refined PSNR"),
+        "{}",
+        called.stdout
+    );
+    let scene = &read_json(&json)["scenes"][0];
+    let (before, after) = (number(&scene["psnr_held_out_feed_forward"]), number(&scene["psnr_held_out"]));
+    assert!(after > before + 0.3, "{before} dB before, {after} dB after");
+    assert!(number(&scene["seconds"]["refine"]) > 0.0);
+    let refinement = &scene["seeds"][0]["refinement"];
+    let steps = refinement["steps"].as_array().unwrap();
+    assert_eq!((steps.len(), number(&refinement["undone"])), (20, 0.0));
+    assert!(number(&steps[19]["psnr_context"]) > number(&refinement["psnr_start"]));
+    let curve = refinement["curve"].as_array().unwrap();
+    assert_eq!((number(&curve[0]["psnr_held_out"]), number(&curve[0]["step"])), (before, 0.0));
+    assert_eq!(number(&curve[curve.len() - 1]["step"]), 20.0);
+    assert!(fs::read_to_string(&plot).unwrap().contains("tiny"));
+    assert!(number(&scene["gaussians"]) <= 2000.0);
+
+    // Without --report nothing else is rendered.
+    let scene = |more: &[&str]| {
+        let arguments = [&["--gaussians", "1k", "--depth-range", RANGE, "--device", "cpu"], more].concat();
+        let called = tiny.reconstruct(&arguments).succeeded();
+        (called.stdout, read_ply(&tiny.beside("scene.ply")).unwrap())
+    };
+    let (said, refined) = scene(&["--refine", "5"]);
+    assert!(said.contains("refined    5 steps"), "{said}");
+    assert!(refined == scene(&["--refine", "5", "--threads", "1"]).1, "threads make a difference");
+    let (said, plain) = scene(&["--refine-seconds", "0"]);
+    assert!(said.contains("refined    0 steps") && plain.len() >= refined.len(), "{said}");
+    assert!(!scene(&[]).0.contains("refined"));
 }
 
 #[test]

@@ -1,0 +1,111 @@
+//! What makes Gaussians of photographs: the pass, and the steps that may follow it.
+
+use crate::figures::CurvePoint;
+use crate::{Error, Result, Step, Window};
+use gs_raster::Rasterizer;
+use gs_scene::{Gaussians, View};
+use serde::Serialize;
+use sparsesplat::{Config, Prediction, predict};
+
+/// Photographs to Gaussians.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Method {
+    /// The forward pass.
+    #[serde(flatten)]
+    pub predict: Config,
+    /// Steps on the context views afterwards; none is the feed-forward result.
+    pub refine: Option<refine::Config>,
+    /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is measured.
+    pub curve: bool,
+}
+
+impl Method {
+    /// The forward pass alone.
+    #[must_use]
+    pub fn feed_forward(predict: Config) -> Self {
+        Self { predict, refine: None, curve: false }
+    }
+
+    pub(crate) fn predict(&self, window: &Window, on_step: &mut dyn FnMut(Step)) -> Result<Prediction> {
+        Ok(predict(&window.context, &self.predict, &mut |stage| on_step(Step::Predict(stage)))?)
+    }
+
+    /// Refines a prediction in place, if that is asked for; `held_out` measures a scene, for the curve.
+    pub(crate) fn refine(
+        &self,
+        window: &Window,
+        prediction: &mut Prediction,
+        rasterizer: &mut Rasterizer,
+        held_out: &dyn Fn(&Gaussians, &mut Rasterizer) -> Result<f64>,
+        on_step: &mut dyn FnMut(Step),
+    ) -> Result<Option<Refinement>> {
+        let Some(config) = &self.refine else { return Ok(None) };
+        // In the common exposure, as the Gaussians.
+        let mut exposed: Vec<View> = window.context.clone();
+        exposed.iter_mut().zip(&prediction.exposure).for_each(|(view, exposure)| exposure.apply(view));
+        let scene = std::mem::replace(&mut prediction.gaussians, Gaussians::empty(0)?);
+        let mut curve = Vec::new();
+        let mut problem = None;
+        if self.curve {
+            let psnr_held_out = held_out(&scene, rasterizer)?;
+            curve.push(CurvePoint { step: 0, seconds: 0.0, psnr_context: f64::NAN, psnr_held_out });
+        }
+        let refined = refine::refine(scene, &exposed, config, rasterizer, &mut |step| {
+            let record = step.record;
+            on_step(Step::Refine { progress: step.progress, psnr_context: record.psnr_context });
+            if self.curve && is_mark(record.step) {
+                match held_out(step.gaussians, step.rasterizer) {
+                    Ok(psnr_held_out) => curve.push(CurvePoint {
+                        step: record.step,
+                        seconds: record.seconds,
+                        psnr_context: record.psnr_context,
+                        psnr_held_out,
+                    }),
+                    Err(error) => problem = Some(error),
+                }
+            }
+        })
+        .map_err(Error::Refine)?;
+        if let Some(problem) = problem {
+            return Err(problem);
+        }
+        if let Some(first) = curve.first_mut() {
+            first.psnr_context = refined.report.psnr_start;
+        }
+        prediction.counts = prediction.counts.without(&refined.report.pruned);
+        prediction.gaussians = refined.gaussians;
+        Ok(Some(Refinement { report: refined.report, curve }))
+    }
+}
+
+/// How a scene was refined.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Refinement {
+    /// What happened.
+    #[serde(flatten)]
+    pub report: refine::Report,
+    /// Quality along the way; empty if it was not asked for.
+    pub curve: Vec<CurvePoint>,
+}
+
+/// Whether a step has a point on the curve: 1, 1.5, 2, 3, 4, 5, 6 and 7.5 times every power of ten.
+fn is_mark(step: usize) -> bool {
+    let mut decade = 1;
+    while decade * 10 <= step {
+        decade *= 10;
+    }
+    let halves = [2, 3, 4, 6, 8, 10, 12, 15];
+    halves.iter().any(|half| half * decade == 2 * step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn marks_are_dense_at_the_start() {
+        let marks: Vec<usize> = (1..=100).filter(|&step| is_mark(step)).collect();
+        assert_eq!(marks, [1, 2, 3, 4, 5, 6, 10, 15, 20, 30, 40, 50, 60, 75, 100]);
+        assert!(is_mark(1000) && is_mark(200) && !is_mark(110));
+    }
+}
