@@ -1,27 +1,38 @@
 //! Time of each step on six 448×256 views of smooth shading under noise.
 //! `RAYON_NUM_THREADS=2 cargo run --release -p entropy-sampler --example time_views`
 
-use entropy_sampler::{Budget, EntropyWindow, ImportanceMap, Result, Sampler, entropy, sample};
+use entropy_sampler::{
+    Border, Budget, EntropyWindow, ImportanceMap, Result, Sampler, entropy, sample, solve,
+};
 use std::time::Instant;
 
 const WIDTH: usize = 448;
 const HEIGHT: usize = 256;
 const VIEWS: usize = 6;
-const REPEATS: usize = 10;
+const REPEATS: usize = 20;
 
 fn main() -> Result<()> {
     let views: Vec<Vec<u8>> = (0..VIEWS).map(picture).collect();
     let window = EntropyWindow::default();
-    report("entropy", || {
-        for view in &views {
-            std::hint::black_box(entropy(view, WIDTH, HEIGHT, window)?);
+    for size in [3, 5, 7, 9, 15] {
+        for border in [Border::Reflect, Border::Clip] {
+            let window = EntropyWindow { size, border, ..window };
+            report(&format!("entropy {size}x{size}, {border:?}"), || {
+                for view in &views {
+                    std::hint::black_box(entropy(view, WIDTH, HEIGHT, window)?);
+                }
+                Ok(())
+            })?;
         }
-        Ok(())
-    })?;
+    }
     let maps: Vec<ImportanceMap> = views
         .iter()
         .map(|view| ImportanceMap::entropy(view, WIDTH, HEIGHT, window))
         .collect::<Result<_>>()?;
+    report("tau for 40k", || {
+        std::hint::black_box(solve(&maps, 40_000.0)?);
+        Ok(())
+    })?;
     for sampler in [Sampler::Fixed, Sampler::Bernoulli] {
         report(&format!("sample 40k, {sampler:?}"), || {
             std::hint::black_box(sample(&maps, Budget::Count(40_000), sampler, 0)?);
@@ -44,7 +55,7 @@ fn picture(view: usize) -> Vec<u8> {
         .collect()
 }
 
-/// Best of several runs.
+/// Prints the best of several runs.
 fn report(what: &str, mut run: impl FnMut() -> Result<()>) -> Result<()> {
     let mut best = f64::INFINITY;
     for _ in 0..REPEATS {

@@ -31,7 +31,7 @@ impl ImportanceMap {
         for value in &mut values {
             *value = (*value * per_bit).min(1.0);
         }
-        Self::new(width, height, values)
+        Ok(Self { width, height, values, weights: None })
     }
 
     /// Magnitude of the Laplacian, |4 g - left - right - above - below|, over its maximum, 4 · 255; the border is
@@ -53,7 +53,7 @@ impl ImportanceMap {
                 *value = laplacian.abs() as f32 / (4.0 * 255.0);
             }
         });
-        Self::new(width, height, values)
+        Ok(Self { width, height, values, weights: None })
     }
 
     /// Every pixel alike: importance 1, so that tau is the share of pixels chosen.
