@@ -29,12 +29,48 @@ pub enum Error {
     /// A picture holds a NaN or an infinity.
     #[error("the {picture} picture is not finite in column {x}, row {y}")]
     NotFinite {
-        /// `first` or `second`.
+        /// `first`, `second`, `fitted` or `target`.
         picture: &'static str,
         /// Column of the pixel.
         x: usize,
         /// Row of the pixel.
         y: usize,
+    },
+    /// A value is too large to be compared in f32.
+    #[error("the {picture} picture is beyond ±{limit} in column {x}, row {y}")]
+    OutOfRange {
+        /// `fitted` or `target`.
+        picture: &'static str,
+        /// Column of the pixel.
+        x: usize,
+        /// Row of the pixel.
+        y: usize,
+        /// Largest magnitude.
+        limit: u32,
+    },
+    /// A slice does not fit the size of the picture.
+    #[error(
+        "the {picture} picture has {found} values, expected {expected} for {width}x{height} in three channels"
+    )]
+    Length {
+        /// `first`, `second`, `fitted` or `target`.
+        picture: &'static str,
+        /// Pixels per row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Values of such a picture.
+        expected: usize,
+        /// Length of the slice.
+        found: usize,
+    },
+    /// A gradient does not fit its picture.
+    #[error("the gradient has {found} values, expected {expected}, as many as the picture")]
+    GradientLength {
+        /// Values of the picture.
+        expected: usize,
+        /// Length of the slice.
+        found: usize,
     },
 }
 

@@ -6,5 +6,5 @@ mod psnr;
 mod ssim;
 
 pub use error::{Error, Result};
-pub use psnr::psnr;
-pub use ssim::{SSIM_WINDOW, ssim};
+pub use psnr::{psnr, psnr_rgb};
+pub use ssim::{SSIM_WINDOW, SsimScratch, SsimTarget, ssim, ssim_rgb};

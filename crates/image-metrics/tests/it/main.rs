@@ -1,6 +1,7 @@
 //! Against scikit-image, against the definition, and what must be refused.
 
 mod golden;
+mod loss;
 
 use gs_scene::Image;
 use image_metrics::{Error, psnr, ssim};
