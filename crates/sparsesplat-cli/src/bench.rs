@@ -1,10 +1,14 @@
 //! `bench`: how fast the parts are on this machine.
 
+mod backproject;
 mod bandwidth;
+mod cpu;
+mod entropy;
+mod knn;
 mod measure;
+mod random;
 mod raster;
-mod rows;
-mod scenes;
+mod row;
 
 use crate::arguments::Common;
 use crate::failure::Outcome;
@@ -14,7 +18,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand};
 /// How fast the parts are on this machine; without a name it lists what there is
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  sparsesplat bench raster\n  \
-                        sparsesplat bench raster --counts 40k,150k --device cpu --json raster.json")]
+                        sparsesplat bench knn --counts 40k,150k --json knn.json")]
 pub(crate) struct Arguments {
     #[command(subcommand)]
     which: Option<Which>,
@@ -22,11 +26,17 @@ pub(crate) struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Which {
+    Knn(knn::Arguments),
+    Entropy(entropy::Arguments),
+    Backproject(backproject::Arguments),
     Raster(raster::Arguments),
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     match &arguments.which {
+        Some(Which::Knn(arguments)) => knn::run(arguments, common),
+        Some(Which::Entropy(arguments)) => entropy::run(arguments, common),
+        Some(Which::Backproject(arguments)) => backproject::run(arguments, common),
         Some(Which::Raster(arguments)) => raster::run(arguments, common),
         None => {
             list();
@@ -44,6 +54,6 @@ fn list() {
     }
     for command in Alone::command().get_subcommands() {
         let about = command.get_about().map(ToString::to_string).unwrap_or_default();
-        print_line(&format!("{:<10} {about}", command.get_name()));
+        print_line(&format!("{:<12} {about}", command.get_name()));
     }
 }

@@ -1,9 +1,11 @@
 //! `bench raster`: the renderer on reconstructed scenes.
 
+mod job;
+mod rows;
+mod scenes;
+
 use super::bandwidth::Bandwidth;
-use super::measure::{Case, Job, Runner, measure};
-use super::rows::{MODEL, Row, table};
-use super::scenes::{self, Count};
+use super::measure::{measure, pools};
 use crate::arguments::{Common, Device, positive, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{OrFail, Outcome};
@@ -14,7 +16,10 @@ use clap::Args;
 use evaluate::{Recipe, count, simulated_window};
 use gs_raster::{Rasterizer, Style};
 use gs_scene::{Camera, Gaussians};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use job::{Case, Job, Runner};
+use rayon::ThreadPool;
+use rows::{MODEL, Row, row, table};
+use scenes::Count;
 use serde::Serialize;
 
 /// The renderer: frames per second against the number of Gaussians, and the price of each feature
@@ -131,13 +136,6 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     Ok(())
 }
 
-/// One thread, two, and all that work.
-fn pools() -> Outcome<Vec<ThreadPool>> {
-    let mut counts = vec![1, 2.min(threads()), threads()];
-    counts.dedup();
-    counts.into_iter().map(|n| ThreadPoolBuilder::new().num_threads(n).build().or_work()).collect()
-}
-
 /// The processor on each pool unless only the GPU is asked for, then the GPU if there is one to render on.
 fn runners(pools: &[ThreadPool], device: Device, rasterizer: Rasterizer) -> Vec<Runner<'_>> {
     let mut runners = Vec::new();
@@ -189,11 +187,12 @@ impl Group<'_> {
                 jobs.push(Job { runner, case, scene });
             }
         }
-        let measured = measure(runners, &jobs, &self.camera, self.runs, self.on_run)?;
+        let mut run = |job: &Job<'_>| job.run(&mut runners[job.runner], &self.camera);
+        let measured = measure(&jobs, self.runs, &mut run, self.on_run)?;
         let row = |(place, job): (usize, &Job<'_>)| {
             let first = place - place % cases.len();
-            let plain = priced.then(|| measured[first].median);
-            Row::new(job, &runners[job.runner], &self.camera, &measured[place], plain)
+            let plain = priced.then(|| measured[first].seconds.median);
+            row(job, &runners[job.runner], &self.camera, &measured[place], plain)
         };
         Ok(jobs.iter().enumerate().map(row).collect())
     }

@@ -1,7 +1,8 @@
 //! Scenes as the pipeline makes them: the demo's photographs, reconstructed with several budgets.
 
 use crate::failure::{Failure, OrFail, Outcome};
-use evaluate::{Step, Window, reconstruct_window};
+use evaluate::{Method, Step, Window, reconstruct_window};
+use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, sh_coefficients};
 use serde::{Serialize, Serializer};
 use sparsesplat::{Allocation, Budget, Config};
@@ -44,7 +45,9 @@ pub(super) fn reconstruct(
             Config { allocation: Allocation::PixelAligned, far_shell: false, ..Config::default() }
         }
     };
-    let outcome = reconstruct_window(window, &config, on_step).map_err(Failure::sorted)?;
+    let method = Method::feed_forward(config);
+    let outcome =
+        reconstruct_window(window, &method, &mut Rasterizer::cpu(), on_step).map_err(Failure::sorted)?;
     Ok(outcome.prediction.gaussians)
 }
 

@@ -1,12 +1,14 @@
-//! Rows: what was measured, and what follows from it.
+//! Rows of `bench raster`: what was measured, and what follows from it.
 
-use super::measure::{Job, Measured, Runner};
+use super::job::{Job, Runner};
+use crate::bench::measure::{Measured, Spread};
+use crate::bench::row::{self, Label};
 use evaluate::{Table, count};
-use gs_raster::TILE;
+use gs_raster::{RenderStats, TILE};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
 use serde::Serialize;
 
-/// How [`Row::bytes`] and [`Row::pixel_pairs`] are counted, in words.
+/// How [`Details::bytes`] and [`Details::pixel_pairs`] are counted, in words.
 pub(super) const MODEL: &str = "bytes: the least that must move: stored numbers of every Gaussian read once, 40 bytes written \
 and read for each visible one, 4 bytes written and read for each pair of Gaussian and tile, 16 bytes written for each pixel \
 (20 with depth); the backward pass reads all this again, reads the pixel gradients and writes a gradient for every stored \
@@ -18,24 +20,14 @@ const FOOTPRINT: u64 = 40;
 /// A number of 32 bits.
 const NUMBER: u64 = 4;
 
-/// One row of the JSON file.
+/// A row of this bench.
+pub(super) type Row = row::Row<Details>;
+
+/// What it says beyond the rows of other benches.
 #[derive(Debug, Serialize)]
-pub(super) struct Row {
-    bench: &'static str,
-    #[serde(rename = "impl")]
-    implementation: &'static str,
-    case: &'static str,
-    n: usize,
-    /// No neighbours in this bench.
-    k: Option<usize>,
-    threads: usize,
-    /// Median.
-    seconds: f64,
-    seconds_min: f64,
-    seconds_max: f64,
+pub(super) struct Details {
     /// What the GPU itself took for the forward pass: without bringing the scene there, without gradients.
     gpu_seconds: Option<f64>,
-    peak_rss_bytes: Option<u64>,
     /// `cpu`, or the name of the adapter.
     device: String,
     sh_degree: usize,
@@ -52,54 +44,53 @@ pub(super) struct Row {
     times_plain: Option<f64>,
 }
 
-impl Row {
-    /// The row of a job; `plain` is the row that its price is compared with.
-    pub(super) fn new(
-        job: &Job<'_>,
-        runner: &Runner<'_>,
-        camera: &Camera,
-        found: &Measured,
-        plain: Option<f64>,
-    ) -> Self {
-        let stats = found.stats;
-        let passes = if job.case.gradients { 2 } else { 1 };
-        let pixel_pairs = stats.intersections * (TILE * TILE) as u64 * passes;
-        let bytes = bytes(job, camera, found);
-        Self {
-            bench: "raster",
-            implementation: "ours",
-            case: job.case.name,
-            n: job.scene.len(),
-            k: None,
-            threads: runner.pool.current_num_threads(),
-            seconds: found.median,
-            seconds_min: found.fastest,
-            seconds_max: found.slowest,
-            gpu_seconds: found.gpu,
-            peak_rss_bytes: found.peak_rss_bytes,
-            device: runner.device.clone(),
-            sh_degree: job.case.sh_degree,
-            width: camera.width(),
-            height: camera.height(),
-            frames_per_second: 1.0 / found.median,
-            visible: stats.visible,
-            intersections: stats.intersections,
-            bytes,
-            bytes_per_second: bytes as f64 / found.median,
-            pixel_pairs,
-            pixel_pairs_per_second: pixel_pairs as f64 / found.median,
-            times_plain: plain.map(|plain| found.median / plain),
-        }
-    }
+/// The row of a job; `plain` is the median of the row that its price is compared with.
+pub(super) fn row(
+    job: &Job<'_>,
+    runner: &Runner<'_>,
+    camera: &Camera,
+    found: &Measured<RenderStats>,
+    plain: Option<f64>,
+) -> Row {
+    // What is drawn is the same in every run.
+    let stats = found.found[0];
+    let seconds = found.seconds.median;
+    let gpu = Spread::of(found.found.iter().map(|stats| stats.seconds.gpu).collect()).median;
+    let passes = if job.case.gradients { 2 } else { 1 };
+    let pixel_pairs = stats.intersections * (TILE * TILE) as u64 * passes;
+    let bytes = bytes(job, camera, &stats);
+    let label = Label {
+        implementation: "ours",
+        case: job.case.name.to_owned(),
+        n: job.scene.len(),
+        k: None,
+        threads: runner.pool.current_num_threads(),
+    };
+    let details = Details {
+        gpu_seconds: Some(gpu).filter(|seconds| *seconds > 0.0),
+        device: runner.device.clone(),
+        sh_degree: job.case.sh_degree,
+        width: camera.width(),
+        height: camera.height(),
+        frames_per_second: 1.0 / seconds,
+        visible: stats.visible,
+        intersections: stats.intersections,
+        bytes,
+        bytes_per_second: bytes as f64 / seconds,
+        pixel_pairs,
+        pixel_pairs_per_second: pixel_pairs as f64 / seconds,
+        times_plain: plain.map(|plain| seconds / plain),
+    };
+    Row::new("raster", label, found, details)
 }
 
 /// Bytes that must move; see [`MODEL`].
-fn bytes(job: &Job<'_>, camera: &Camera, found: &Measured) -> u64 {
+fn bytes(job: &Job<'_>, camera: &Camera, stats: &RenderStats) -> u64 {
     let numbers = Gaussians::GEOMETRY + sh_coefficients(job.case.sh_degree) * 3;
     let scene = (job.scene.len() * numbers) as u64 * NUMBER;
     let pixels = (camera.width() * camera.height()) as u64;
     let outputs = pixels * NUMBER * if job.case.settings().depth { 5 } else { 4 };
-    let (footprints, pairs) = (found.stats.visible as u64 * FOOTPRINT, found.stats.intersections * NUMBER);
+    let (footprints, pairs) = (stats.visible as u64 * FOOTPRINT, stats.intersections * NUMBER);
     let forward = scene + 2 * (footprints + pairs) + outputs;
     // Pixel gradients are those by the three colours.
     let backward = scene + footprints + pairs + outputs + pixels * 3 * NUMBER + scene;
@@ -127,23 +118,24 @@ pub(super) fn table(rows: &[Row]) -> Table {
     ];
     let mut table = Table::new(&head, 2);
     for row in rows {
-        let milliseconds = |seconds: f64| format!("{:.2}", seconds * 1e3);
+        let [median, fastest, slowest, memory] = row.cells(2);
+        let details = &row.details;
         table.push(vec![
-            row.case.to_owned(),
-            row.device.clone(),
+            row.case.clone(),
+            details.device.clone(),
             row.threads.to_string(),
             count(row.n as f64),
-            count(row.visible as f64),
-            count(row.intersections as f64),
-            milliseconds(row.seconds),
-            milliseconds(row.seconds_min),
-            milliseconds(row.seconds_max),
-            row.gpu_seconds.map_or(String::new(), milliseconds),
-            format!("{:.1}", row.frames_per_second),
-            format!("{:.2}", row.pixel_pairs_per_second / 1e9),
-            format!("{:.2}", row.bytes_per_second / 1e9),
-            row.peak_rss_bytes.map_or("-".to_owned(), |bytes| format!("{:.2}", bytes as f64 / 1e9)),
-            row.times_plain.map_or(String::new(), |times| format!("{:+.0} %", (times - 1.0) * 100.0)),
+            count(details.visible as f64),
+            count(details.intersections as f64),
+            median,
+            fastest,
+            slowest,
+            details.gpu_seconds.map_or(String::new(), |seconds| format!("{:.2}", seconds * 1e3)),
+            format!("{:.1}", details.frames_per_second),
+            format!("{:.2}", details.pixel_pairs_per_second / 1e9),
+            format!("{:.2}", details.bytes_per_second / 1e9),
+            memory,
+            details.times_plain.map_or(String::new(), |times| format!("{:+.0} %", (times - 1.0) * 100.0)),
         ]);
     }
     table
@@ -151,9 +143,8 @@ pub(super) fn table(rows: &[Row]) -> Table {
 
 #[cfg(test)]
 mod tests {
+    use super::super::job::Case;
     use super::*;
-    use crate::bench::measure::Case;
-    use gs_raster::RenderStats;
     use gs_scene::Intrinsics;
 
     #[test]
@@ -163,9 +154,7 @@ mod tests {
         let scene = Gaussians::new(0, vec![0.0; 22], vec![0.0; 6]).unwrap();
         let case = Case { name: "forward", sh_degree: 0, change: |_| {}, gradients: false };
         let stats = RenderStats { visible: 1, intersections: 3, ..RenderStats::default() };
-        let found =
-            Measured { median: 1.0, fastest: 1.0, slowest: 1.0, gpu: None, stats, peak_rss_bytes: None };
-        let of = |case| bytes(&Job { runner: 0, case, scene: &scene }, &camera, &found);
+        let of = |case| bytes(&Job { runner: 0, case, scene: &scene }, &camera, &stats);
         let forward = 2 * 14 * 4 + 2 * (40 + 3 * 4) + 100 * 16;
         assert_eq!(of(case), forward);
         assert_eq!(of(Case { change: |settings| settings.depth = true, ..case }), forward + 100 * 4);
