@@ -2,6 +2,7 @@
 //!
 //! The commands of users go to the `sparsesplat` binary, arguments untouched; the checks of developers run here.
 
+mod consumer;
 mod run;
 mod test;
 mod tidy;
@@ -21,14 +22,14 @@ Commands of the product (built in release, arguments passed on; each has --help)
   render       a scene to pictures
   eval         the tables: PSNR, SSIM, Gaussians and time on data sets
   doctor       what this machine offers, and a self-test on CPU and GPU
-  bench        how fast the parts are on this machine: bench raster
+  bench        how fast the parts are on this machine, beside peers; without a name it lists them
 
 Checks for developers:
   test         every test (dev profile); arguments go to `cargo test`
   test --gpu   those that need a graphics adapter as well; a software one does, without any it fails
   shader NAME  a shader as it is compiled; without a name it lists them
   tidy         rules that no compiler knows: file sizes, paths in documents, names of crates
-  ci           formatting, lints, tidy, tests with --gpu, documentation: all that must pass
+  ci           formatting, lints, tidy, tests with --gpu, documentation, packages, use from outside: all that must pass
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
@@ -61,11 +62,13 @@ fn main() -> ExitCode {
 fn forward(root: &Path, command: &str, arguments: &[OsString]) -> ExitCode {
     const BINARY: [&str; 4] = ["--release", "--package", "sparsesplat-cli", "--manifest-path"];
     let manifest = root.join("Cargo.toml");
-    match cargo(["build"]).args(BINARY).arg(&manifest).status() {
+    // Who does not measure does not build the crates of others that are measured.
+    let features: &[&str] = if command == "bench" { &["--features", "peers"] } else { &[] };
+    match cargo(["build"]).args(BINARY).arg(&manifest).args(features).status() {
         Ok(built) if built.success() => {
             // The folder of the caller stays the current one, so that relative paths mean what they say.
             let mut run = cargo(["run", "--quiet"]);
-            run.args(BINARY).arg(&manifest).arg("--").arg(command).args(arguments);
+            run.args(BINARY).arg(&manifest).args(features).arg("--").arg(command).args(arguments);
             run::exit_code(run.status())
         }
         failed => run::exit_code(failed),
@@ -77,7 +80,7 @@ const SHADER: [&str; 7] = ["run", "--quiet", "--package", "gs-shaders", "--examp
 const TIDY: Step = Step::Check("tidy", tidy::check);
 
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 6] = [
+const CI: [Step; 9] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
@@ -95,6 +98,38 @@ const CI: [Step; 6] = [
         ],
         &[],
     ),
-    Step::Cargo("test", &["xtask", "test", "--gpu"], &[]),
+    Step::Cargo(
+        "clippy with peers",
+        &[
+            "clippy",
+            "--workspace",
+            "--features",
+            "sparsesplat-cli/peers",
+            "--all-targets",
+            "--",
+            "-D",
+            "warnings",
+        ],
+        &[],
+    ),
+    Step::Cargo("test", &["xtask", "test", "--gpu", "--features", "sparsesplat-cli/peers"], &[]),
     Step::Cargo("doc", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-Dwarnings")]),
+    // A working copy with changes has packages, too.
+    Step::Cargo(
+        "package",
+        &[
+            "package",
+            "--allow-dirty",
+            "--package",
+            "gs-scene",
+            "--package",
+            "knn",
+            "--package",
+            "entropy-sampler",
+            "--package",
+            "backproject",
+        ],
+        &[],
+    ),
+    Step::Check("use from outside", consumer::check),
 ];

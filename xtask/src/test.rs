@@ -18,7 +18,7 @@ pub(crate) fn run(root: &Path, arguments: &[OsString]) -> ExitCode {
     let (gpu, arguments) = arguments_of_cargo(arguments);
     if gpu {
         // Selected as the tests are, or else cargo would build the dependencies anew with other features.
-        let package: &[&str] = if arguments[0] == "--workspace" { &[] } else { &["--package", "gs-raster"] };
+        let package: &[&str] = if arguments.iter().any(is_whole) { &[] } else { &["--package", "gs-raster"] };
         let mut case = cargo(["run", "--quiet", "--example", "check_case"]);
         case.args(package).args(["--", "--device", "gpu", FIRST_CASE]).current_dir(root);
         if !case.status().is_ok_and(|status| status.success()) {
@@ -40,7 +40,7 @@ fn arguments_of_cargo(arguments: &[OsString]) -> (bool, Vec<OsString>) {
     let named = |word: &OsString| {
         word.to_str().is_some_and(|word| word.starts_with("-p") || word.starts_with("--package"))
     };
-    if !words.iter().any(named) {
+    if !words.iter().any(|word| named(word) || is_whole(word)) {
         words.insert(0, "--workspace".into());
     }
     words.extend(tests.iter().cloned());
@@ -53,6 +53,11 @@ fn arguments_of_cargo(arguments: &[OsString]) -> (bool, Vec<OsString>) {
     (gpu, words)
 }
 
+/// Whether a word of cargo's selects every package.
+fn is_whole(word: &OsString) -> bool {
+    word == "--workspace" || word == "--all"
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -62,6 +67,9 @@ mod tests {
         for (given, expected) in [
             ("", "--workspace"),
             ("--gpu", "--workspace -- --include-ignored"),
+            ("--workspace", "--workspace"),
+            ("--lib --workspace --gpu", "--lib --workspace -- --include-ignored"),
+            ("--features sparsesplat-cli/peers", "--workspace --features sparsesplat-cli/peers"),
             ("-p knn tree", "-p knn tree"),
             (
                 "--package=gs-raster --gpu -- --nocapture",

@@ -90,8 +90,18 @@ fn dead_paths(text: &str, resolves: impl Fn(&str) -> bool) -> Vec<String> {
 /// Whether a path begins with a folder of this repository or of one of its crates (and not with `out`, or a scene's
 /// name).
 fn is_ours(path: &str) -> bool {
-    const FOLDERS: [&str; 11] = [
-        "crates", "docs", "fixtures", "shaders", "xtask", ".ci", ".cargo", "src", "tests", "benches",
+    const FOLDERS: [&str; 12] = [
+        "consumers",
+        "crates",
+        "docs",
+        "fixtures",
+        "shaders",
+        "xtask",
+        ".ci",
+        ".cargo",
+        "src",
+        "tests",
+        "benches",
         "examples",
     ];
     path.split('/').find(|part| !matches!(*part, "." | "..")).is_some_and(|first| FOLDERS.contains(&first))
