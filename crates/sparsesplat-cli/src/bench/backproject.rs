@@ -46,9 +46,6 @@ struct Sizes {
     runs: usize,
 }
 
-#[derive(Serialize)]
-struct Nothing {}
-
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let &Arguments { anchors: n, size: (width, height), runs } = arguments;
     let all = VIEWS * width * height;
@@ -82,7 +79,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     drop(progress);
     print(&cpu::table(&rows, "points").to_text());
     let sizes = Sizes { anchors: n, width, height, views: VIEWS, channels: CHANNELS, runs };
-    cpu::write(common, sizes, &rows, Nothing {})
+    cpu::write(common, sizes, &rows, ())
 }
 
 /// What all cases share.

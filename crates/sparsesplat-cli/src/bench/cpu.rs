@@ -1,6 +1,6 @@
 //! What the benches of stages on the processor share: jobs beside a reference, rows by the piece, their table.
 
-use super::measure::{measure, timed};
+use super::measure::{Measured, measure, timed};
 use super::row::{self, Label};
 use crate::arguments::Common;
 use crate::failure::Outcome;
@@ -22,7 +22,7 @@ pub(super) struct Job<'a> {
 }
 
 impl<'a> Job<'a> {
-    /// Work on `n` things, for `k` neighbours each where that is a word.
+    /// Work on `n` things (at least one), for `k` neighbours each where that is a word.
     pub(super) fn new(
         implementation: &'static str,
         case: impl Into<String>,
@@ -61,13 +61,13 @@ pub(super) fn rows(
         progress.step();
     };
     let measured = measure(jobs, runs, &mut run, &mut on_run)?;
-    let row = |(job, found): (&Job<'_>, _)| {
-        let seconds = |found: &super::measure::Measured<()>| found.seconds.median;
+    let row = |(job, found): (&Job<'_>, &Measured<()>)| {
+        let seconds = found.seconds.median;
         let reference = Label { implementation: OURS, ..job.label.clone() };
         let ours = jobs.iter().position(|other| other.label == reference && job.label != reference);
         let details = Details {
-            seconds_each: seconds(found) / job.label.n.max(1) as f64,
-            times_ours: ours.map(|place| seconds(found) / seconds(&measured[place])),
+            seconds_each: seconds / job.label.n as f64,
+            times_ours: ours.map(|place| seconds / measured[place].seconds.median),
         };
         Row::new(bench, job.label.clone(), found, details)
     };
@@ -79,10 +79,9 @@ pub(super) fn table(rows: &[Row], things: &str) -> Table {
     let neighbours = rows.iter().any(|row| row.k.is_some());
     let mut head = vec!["case", "impl", "threads", things];
     head.extend(neighbours.then_some("k"));
-    head.extend(["ms", "fastest", "slowest", "ns each", "times ours", "peak GB"]);
+    head.extend(["ms", "fastest", "slowest", "ns each", "times ours", "peak MB"]);
     let mut table = Table::new(&head, 2);
     for row in rows {
-        let [median, fastest, slowest, memory] = row.cells(2);
         let mut cells = vec![
             row.case.clone(),
             row.implementation.to_owned(),
@@ -90,10 +89,10 @@ pub(super) fn table(rows: &[Row], things: &str) -> Table {
             count(row.n as f64),
         ];
         cells.extend(neighbours.then(|| row.k.map_or(String::new(), |k| k.to_string())));
-        cells.extend([median, fastest, slowest]);
+        cells.extend(row.milliseconds());
         cells.push(format!("{:.1}", row.details.seconds_each * 1e9));
         cells.push(row.details.times_ours.map_or(String::new(), |times| format!("{times:.2}")));
-        cells.push(memory);
+        cells.push(row.memory(1e6));
         table.push(cells);
     }
     table
@@ -108,7 +107,7 @@ struct Record<'a, S: Serialize, M: Serialize> {
     more: M,
 }
 
-/// Writes rows, and `more` keys, if asked for; `settings` are what it takes to repeat them.
+/// Writes rows, and `more` keys (none: `()`), if asked for; `settings` are what it takes to repeat them.
 pub(super) fn write(
     common: &Common,
     settings: impl Serialize,

@@ -55,9 +55,6 @@ struct Settings<'a> {
     runs: usize,
 }
 
-#[derive(Serialize)]
-struct Nothing {}
-
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let &Arguments { ref budgets, size: (width, height), runs } = arguments;
     let pools = pools()?;
@@ -107,7 +104,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let rows = cpu::rows("entropy", &jobs, runs, &progress)?;
     drop(progress);
     print(&cpu::table(&rows, "pixels").to_text());
-    cpu::write(common, Settings { budgets, width, height, views: VIEWS, runs }, &rows, Nothing {})
+    cpu::write(common, Settings { budgets, width, height, views: VIEWS, runs }, &rows, ())
 }
 
 fn views(texture: Texture, width: usize, height: usize) -> Vec<Vec<u8>> {

@@ -54,15 +54,13 @@ impl<D> Row<D> {
         }
     }
 
-    /// Median, fastest, slowest and memory, as a table shows them; `decimals` of a millisecond.
-    pub(super) fn cells(&self, decimals: usize) -> [String; 4] {
-        let milliseconds = |seconds: f64| format!("{:.decimals$}", seconds * 1e3);
-        let gigabytes = |bytes| format!("{:.2}", bytes as f64 / 1e9);
-        [
-            milliseconds(self.seconds),
-            milliseconds(self.seconds_min),
-            milliseconds(self.seconds_max),
-            self.peak_rss_bytes.map_or("-".to_owned(), gigabytes),
-        ]
+    /// Median, fastest and slowest in milliseconds, as a table shows them.
+    pub(super) fn milliseconds(&self) -> [String; 3] {
+        [self.seconds, self.seconds_min, self.seconds_max].map(|seconds| format!("{:.2}", seconds * 1e3))
+    }
+
+    /// The memory, as a table shows it, in a unit of so many bytes.
+    pub(super) fn memory(&self, unit: f64) -> String {
+        self.peak_rss_bytes.map_or("-".to_owned(), |bytes| format!("{:.2}", bytes as f64 / unit))
     }
 }

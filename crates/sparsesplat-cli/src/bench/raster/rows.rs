@@ -118,7 +118,7 @@ pub(super) fn table(rows: &[Row]) -> Table {
     ];
     let mut table = Table::new(&head, 2);
     for row in rows {
-        let [median, fastest, slowest, memory] = row.cells(2);
+        let [median, fastest, slowest] = row.milliseconds();
         let details = &row.details;
         table.push(vec![
             row.case.clone(),
@@ -134,7 +134,7 @@ pub(super) fn table(rows: &[Row]) -> Table {
             format!("{:.1}", details.frames_per_second),
             format!("{:.2}", details.pixel_pairs_per_second / 1e9),
             format!("{:.2}", details.bytes_per_second / 1e9),
-            memory,
+            row.memory(1e9),
             details.times_plain.map_or(String::new(), |times| format!("{:+.0} %", (times - 1.0) * 100.0)),
         ]);
     }
