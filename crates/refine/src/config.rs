@@ -74,7 +74,7 @@ pub struct Rates {
 
 impl Default for Rates {
     fn default() -> Self {
-        Self { mean: 0.3, rotation: 0.01, scale: 0.02, opacity: 0.05, colour: 0.02, sh: 0.001 }
+        Self { mean: 0.7, rotation: 0.07, scale: 0.15, opacity: 0.15, colour: 0.02, sh: 0.002 }
     }
 }
 
