@@ -1,8 +1,12 @@
 //! Strips of rows through the windows of [`avx2`](super::avx2).
 
-use super::avx2::{ByteSteps, Windows};
+use super::avx2::{ByteSteps, LANES, Windows};
 use super::{ROWS, Seen, Steps, histogram};
 use crate::{Border, parallel};
+
+/// Narrower pictures are left to the histograms: a padded row has at least 64 bytes, which would be up to 64 times what
+/// the picture has. From here on it is at most three times that.
+pub(super) const MIN_WIDTH: usize = LANES;
 
 /// The entropy map, or none if this processor or the size of the window asks for histograms.
 pub(super) fn entropy(seen: &Seen, steps: &Steps) -> Option<Vec<f32>> {
@@ -59,4 +63,17 @@ fn pad(seen: &Seen) -> Vec<u8> {
         }
     }
     padded
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::avx2::MAX_SIZE;
+    use super::*;
+
+    #[test]
+    fn padding_is_at_most_twice_the_picture() {
+        for width in MIN_WIDTH..1000 {
+            assert!(Windows::row_len(width, MAX_SIZE) <= 3 * width, "{width}");
+        }
+    }
 }
