@@ -49,7 +49,6 @@ fn the_beginning_of_the_order_lies_apart() {
     for n in [150, 300, 600, 900] {
         let share = n as f64 / 1200.0;
         let first = spread(&maps[0], &samples.probability, share, &order[..n]);
-        // 353 and 1200 have no common divisor: a permutation without regard to place.
         let by_chance: Vec<u32> = (0..n).map(|i| samples.pixels[0][scattered(i)]).collect();
         let by_chance = spread(&maps[0], &samples.probability, share, &by_chance);
         assert!(first > 0.68 && first > by_chance + 0.05, "{n}: {first} against {by_chance}");
