@@ -80,7 +80,7 @@ const SHADER: [&str; 7] = ["run", "--quiet", "--package", "gs-shaders", "--examp
 const TIDY: Step = Step::Check("tidy", tidy::check);
 
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 9] = [
+const CI: [Step; 10] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
@@ -113,6 +113,11 @@ const CI: [Step; 9] = [
         &[],
     ),
     Step::Cargo("test", &["xtask", "test", "--gpu", "--features", "sparsesplat-cli/peers"], &[]),
+    Step::Cargo(
+        "test without rayon and serde",
+        &["test", "--package", "knn", "--package", "entropy-sampler", "--no-default-features"],
+        &[],
+    ),
     Step::Cargo("doc", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-Dwarnings")]),
     // A working copy with changes has packages, too.
     Step::Cargo(
