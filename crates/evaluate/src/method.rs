@@ -15,7 +15,8 @@ pub struct Method {
     pub predict: Config,
     /// Steps on the context views afterwards; none is the feed-forward result.
     pub refine: Option<refine::Config>,
-    /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is measured.
+    /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is measured. The
+    /// curve then goes on to the last step: nothing stops early.
     pub curve: bool,
 }
 
@@ -39,7 +40,10 @@ impl Method {
         held_out: &dyn Fn(&Gaussians, &mut Rasterizer) -> Result<f64>,
         on_step: &mut dyn FnMut(Step),
     ) -> Result<Option<Refinement>> {
-        let Some(config) = &self.refine else { return Ok(None) };
+        let Some(mut config) = self.refine else { return Ok(None) };
+        if self.curve {
+            config.smallest_gain = 0.0;
+        }
         // In the common exposure, as the Gaussians.
         let mut exposed: Vec<View> = window.context.clone();
         exposed.iter_mut().zip(&prediction.exposure).for_each(|(view, exposure)| exposure.apply(view));
@@ -50,7 +54,7 @@ impl Method {
             let psnr_held_out = held_out(&scene, rasterizer)?;
             curve.push(CurvePoint { step: 0, seconds: 0.0, psnr_context: f64::NAN, psnr_held_out });
         }
-        let refined = refine::refine(scene, &exposed, config, rasterizer, &mut |step| {
+        let refined = refine::refine(scene, &exposed, &config, rasterizer, &mut |step| {
             let record = step.record;
             on_step(Step::Refine { progress: step.progress, psnr_context: record.psnr_context });
             if self.curve && is_mark(record.step) {
@@ -71,6 +75,17 @@ impl Method {
         }
         if let Some(first) = curve.first_mut() {
             first.psnr_context = refined.report.psnr_start;
+        }
+        if let Some(last) = refined.report.steps.last()
+            && self.curve
+            && !is_mark(last.step)
+        {
+            curve.push(CurvePoint {
+                step: last.step,
+                seconds: last.seconds,
+                psnr_context: last.psnr_context,
+                psnr_held_out: held_out(&refined.gaussians, rasterizer)?,
+            });
         }
         prediction.counts = prediction.counts.without(&refined.report.pruned);
         prediction.gaussians = refined.gaussians;

@@ -22,8 +22,12 @@ const COLOURS: [RGBColor; 7] = [
 /// over seeds and windows. Windows that stopped before the others are shown up to there.
 #[must_use]
 pub fn refinement_plot(windows: &[WindowRow]) -> String {
-    let mut names: Vec<&str> = windows.iter().map(WindowRow::scene).collect();
-    names.dedup();
+    let mut names: Vec<&str> = Vec::new();
+    for window in windows {
+        if !names.contains(&window.scene()) {
+            names.push(window.scene());
+        }
+    }
     let mut lines: Vec<(String, Vec<CurvePoint>)> = Vec::new();
     for name in names {
         let of_scene = windows.iter().filter(|window| window.scene() == name);
@@ -34,12 +38,13 @@ pub fn refinement_plot(windows: &[WindowRow]) -> String {
             .collect();
         lines.push((name.to_owned(), mean_curve(&curves)));
     }
-    if lines.len() > 1 {
+    let scenes = lines.len();
+    if scenes > 1 {
         let curves: Vec<&[CurvePoint]> = lines.iter().map(|(_, curve)| curve.as_slice()).collect();
         lines.push(("mean".to_owned(), mean_curve(&curves)));
     }
     let mut svg = String::new();
-    match draw(&mut svg, &lines) {
+    match draw(&mut svg, &lines, scenes) {
         Ok(()) => svg,
         // Writing into a string does not fail, and the coordinates are finite.
         Err(error) => unreachable!("a plot is drawn into memory: {error}"),
@@ -61,7 +66,8 @@ fn mean_curve(curves: &[&[CurvePoint]]) -> Vec<CurvePoint> {
     (0..length).map(at).collect()
 }
 
-fn draw(svg: &mut String, lines: &[(String, Vec<CurvePoint>)]) -> Result<(), Box<dyn Error>> {
+/// `scenes` of the lines are scenes, one more would be their mean.
+fn draw(svg: &mut String, lines: &[(String, Vec<CurvePoint>)], scenes: usize) -> Result<(), Box<dyn Error>> {
     let points = || lines.iter().flat_map(|(_, curve)| curve).filter(|point| point.psnr_held_out.is_finite());
     let longest = points().map(|point| point.seconds).fold(0.0, f64::max).max(1e-3);
     let low = points().map(|point| point.psnr_held_out).fold(f64::INFINITY, f64::min);
@@ -83,7 +89,7 @@ fn draw(svg: &mut String, lines: &[(String, Vec<CurvePoint>)]) -> Result<(), Box
         .label_style(("sans-serif", 13))
         .draw()?;
     for (i, (name, curve)) in lines.iter().enumerate() {
-        let is_mean = name == "mean";
+        let is_mean = i >= scenes;
         let colour = if is_mean { BLACK } else { COLOURS[i % COLOURS.len()] };
         let style =
             ShapeStyle { color: colour.to_rgba(), filled: true, stroke_width: if is_mean { 3 } else { 2 } };
@@ -132,7 +138,8 @@ mod tests {
         for text in ["fox", "den", "mean", "seconds of refinement"] {
             assert!(svg.contains(text), "{text}");
         }
-        assert!(svg.matches("<polyline").count() >= 3, "three lines");
+        // A mark per point: two of one scene, three of the other, two of the mean.
+        assert_eq!(svg.matches("<circle").count(), 2 + 3 + 2);
     }
 
     #[test]

@@ -115,6 +115,9 @@ fn run_plan(
         }
         let mut method = method.clone();
         method.predict.seed = seed;
+        if let Some(refine) = &mut method.refine {
+            refine.seed = seed;
+        }
         method.predict.depth_range = plan.depth_range(method.predict.depth_range);
         let outcome = run_window(&window, &method, rasterizer, &mut |step| on_event(Event::Step(step)))?;
         on_event(Event::Done { window: &window, outcome: &outcome });

@@ -7,9 +7,12 @@ use serde::{Deserialize, Serialize};
 pub struct Config {
     /// When to stop at the latest.
     pub stop: Stop,
-    /// Views that each step renders and compares; a step's gradient is their mean. All views take turns, in an order
-    /// shuffled anew for every round.
+    /// Views that each step renders and compares, at most all; a step's gradient is their mean. All views take turns, in an
+    /// order shuffled anew for every round.
     pub views_per_step: usize,
+    /// Share of the way, 0 to 1, at whose beginning views are compared at half their size, for less than half the time. Views
+    /// with a side below 32 pixels are compared as they are.
+    pub coarse: f32,
     /// How far a step goes.
     pub rates: Rates,
     /// What is made small.
@@ -20,7 +23,8 @@ pub struct Config {
     pub exposure: bool,
     /// Whether Gaussians that have become too transparent to be drawn are dropped. No rendering changes by it.
     pub prune: bool,
-    /// Stop early when three rounds over all views in a row gain less than this, dB on the context views; 0 never does.
+    /// Stop early when ten rounds over all views, at their full size, are on the mean not better than the ten before by this,
+    /// dB on the context views; 0 never does.
     pub smallest_gain: f64,
     /// Seed of the order of the views.
     pub seed: u64,
@@ -31,12 +35,13 @@ impl Default for Config {
         Self {
             stop: Stop::Steps(60),
             views_per_step: 2,
+            coarse: 0.5,
             rates: Rates::default(),
             loss: Loss::default(),
             sh_degree: 0,
             exposure: true,
             prune: true,
-            smallest_gain: 0.005,
+            smallest_gain: 0.02,
             seed: 0,
         }
     }
@@ -131,6 +136,7 @@ impl Config {
                 "a finite number of at least 0",
             ),
             ("views_per_step", self.views_per_step as f64, self.views_per_step > 0, "at least 1"),
+            ("coarse", f64::from(self.coarse), (0.0..=1.0).contains(&self.coarse), "a number from 0 to 1"),
             ("sh_degree", self.sh_degree as f64, self.sh_degree <= 3, "0 to 3"),
             ("smallest_gain", self.smallest_gain, self.smallest_gain >= 0.0, "a number of at least 0"),
             (
@@ -162,6 +168,7 @@ mod tests {
             ("stop.seconds", Config { stop: Stop::Seconds(-1.0), ..good }),
             ("stop.seconds", Config { stop: Stop::Seconds(f64::INFINITY), ..good }),
             ("views_per_step", Config { views_per_step: 0, ..good }),
+            ("coarse", Config { coarse: f32::NAN, ..good }),
             ("sh_degree", Config { sh_degree: 4, ..good }),
             ("smallest_gain", Config { smallest_gain: f64::NAN, ..good }),
             ("loss.dssim", Config { loss: Loss { dssim: 1.5, ..good.loss }, ..good }),

@@ -24,12 +24,13 @@ impl Exposure {
     /// No change.
     pub const NONE: Self = Self { gain: 1.0, bias: 0.0 };
 
-    /// Least squares of a photograph by its rendering, drawn towards the gain `self`. Drawn towards no change, step by step, the
+    /// Least squares of a photograph by its rendering, drawn towards the gain `self` and kept within a factor of two. Drawn towards no change, step by step, the
     /// scene would follow.
     pub(crate) fn fit(self, rendering: &[f32], photograph: &[f32]) -> Self {
         let [mut n, mut r, mut p, mut rr, mut rp] = [0.0f64; 5];
         for (&a, &b) in rendering.iter().zip(photograph) {
-            // What is black or blown out has lost its exposure.
+            // What is black or blown out has lost its exposure. (In a photograph that was brought into another exposure such
+            // pixels are no longer told apart: few, as a rule.)
             if (0.02..0.98).contains(&b) {
                 let (a, b) = (f64::from(a), f64::from(b));
                 n += 1.0;
@@ -45,6 +46,7 @@ impl Exposure {
         let (mean_r, mean_p) = (r / n, p / n);
         let before = f64::from(self.gain);
         let gain = (rp / n - mean_r * mean_p + PRIOR * before) / (rr / n - mean_r * mean_r + PRIOR);
+        let gain = gain.clamp(0.5, 2.0);
         Self { gain: gain as f32, bias: (mean_p - gain * mean_r) as f32 }
     }
 
@@ -99,7 +101,8 @@ fn level(views: &mut [Exposure]) {
     let gain = views.iter().map(|view| view.gain).sum::<f32>() / n;
     let bias = views.iter().map(|view| view.bias).sum::<f32>() / n;
     for view in views {
-        view.gain += 1.0 - gain;
+        // Views that differ by more than a factor of two have nothing in common any more; a gain stays one.
+        view.gain = (view.gain + 1.0 - gain).clamp(0.25, 4.0);
         view.bias -= bias;
     }
 }
@@ -118,6 +121,8 @@ mod tests {
         assert!((flat.gain - 1.0).abs() < 1e-6 && (flat.bias - 0.1).abs() < 1e-6);
         assert_eq!(Exposure::NONE.fit(&[0.5; 9], &[1.0; 9]), Exposure::NONE);
         assert_eq!(Exposure::NONE.fit(&[], &[]), Exposure::NONE);
+        let inverted: Vec<f32> = rendering.iter().map(|v| 1.0 - v).collect();
+        assert_eq!(Exposure::NONE.fit(&rendering, &inverted).gain, 0.5);
     }
 
     #[test]

@@ -8,6 +8,7 @@ mod refine;
 
 mod adam;
 mod exposure;
+mod half;
 mod limits;
 mod loss;
 mod objective;

@@ -23,7 +23,7 @@ pub(crate) struct Target<'a> {
 pub(crate) struct Compared {
     /// Value of the loss.
     pub(crate) loss: f64,
-    /// Of the rendering in the photograph's exposure, clipped to 0..1, dB.
+    /// Of the rendering in the photograph's exposure, both clipped to 0..1, dB.
     pub(crate) psnr: f64,
     /// Derivative of the loss by the rendering, `[height, width, 3]`.
     pub(crate) by_rendering: Vec<f32>,
@@ -134,7 +134,7 @@ fn colour_term(
         let (value, slope) = term(seen - photograph);
         *gradient = weight * slope;
         sums.colour += value;
-        let clipped = f64::from(seen.clamp(0.0, 1.0) - photograph);
+        let clipped = f64::from(seen.clamp(0.0, 1.0) - photograph.clamp(0.0, 1.0));
         sums.clipped += clipped * clipped;
     }
     sums
@@ -213,7 +213,8 @@ mod tests {
 
     #[test]
     fn psnr_is_that_of_the_metrics() {
-        let photograph: Vec<f32> = (0..432).map(|i| (i % 11) as f32 / 11.0).collect();
+        // A photograph brought into another exposure may leave 0..1.
+        let photograph: Vec<f32> = (0..432).map(|i| (i % 11) as f32 / 8.0 - 0.1).collect();
         let rendering: Vec<f32> = (0..432).map(|i| (i % 7) as f32 / 4.0 - 0.3).collect();
         let view = view(photograph);
         let found = compare(&view, &rendering, Exposure::NONE, Loss::default(), 1.0).psnr;

@@ -26,10 +26,11 @@ pub(crate) struct OfView {
 }
 
 impl<'a> Objective<'a> {
-    pub(crate) fn new(scene: &Gaussians, views: &'a [View], loss: Loss) -> Result<Self> {
+    /// `low_pass` is the variance of the renderer's filter, square pixels of these views.
+    pub(crate) fn new(scene: &Gaussians, views: &'a [View], loss: Loss, low_pass: f32) -> Result<Self> {
         let targets = views.iter().map(|view| Target::new(view, loss)).collect::<Result<_>>()?;
         let near = views.iter().map(|view| near_plane(scene, view.camera())).fold(f32::INFINITY, f32::min);
-        let settings = RenderSettings { near, ..RenderSettings::default() };
+        let settings = RenderSettings { near, eps2d: low_pass, ..RenderSettings::default() };
         Ok(Self { views, targets, loss, settings, scratch: SsimScratch::default() })
     }
 
@@ -84,7 +85,7 @@ mod tests {
         let views = photographs(&truth, &cameras(2, (40, 32), 1.0));
         let scene = disturbed(&truth, 1.0);
         let mut rasterizer = Rasterizer::cpu();
-        let mut objective = Objective::new(&scene, &views, loss).unwrap();
+        let mut objective = Objective::new(&scene, &views, loss, 0.3).unwrap();
         let mut evaluate = |scene: &Gaussians| {
             let (mut value, mut geometry, mut sh) =
                 (0.0, vec![0.0; scene.geometry().len()], vec![0.0; scene.sh().len()]);

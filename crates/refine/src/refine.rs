@@ -2,6 +2,7 @@
 
 use crate::adam::{Correction, Moments, update};
 use crate::exposure::Exposures;
+use crate::half::{half_size, low_pass};
 use crate::limits::{Limits, row_rates};
 use crate::objective::{Objective, OfView};
 use crate::schedule::{Turns, decay};
@@ -15,8 +16,10 @@ use std::time::{Duration, Instant};
 const ROWS: usize = 512;
 /// A derivative beyond this, far above any that a loss of pictures has, would overflow when it is squared.
 const LARGEST_GRADIENT: f32 = 1e15;
-/// Rounds over all views without a gain after which there is nothing left to gain.
-const PATIENCE: usize = 3;
+/// PSNR that counts as perfect, dB.
+const BEST_PSNR: f64 = 100.0;
+/// Rounds over all views whose mean must be better than that of as many rounds before.
+const PATIENCE: usize = 10;
 
 /// Better Gaussians.
 #[derive(Debug, Clone)]
@@ -47,10 +50,13 @@ pub fn refine(
     if views.is_empty() {
         return Err(Error::NoViews);
     }
-    let mut work = Work::new(gaussians, views, config, rasterizer)?;
+    let begin = Instant::now();
+    let half = if config.coarse > 0.0 { half_size(views) } else { None };
+    let mut work = Work::new(gaussians, views, half.as_deref(), config, rasterizer)?;
+    work.spent = begin.elapsed();
     let mut turns = Turns::new(views.len(), config.seed);
     let mut report = Report { psnr_start: work.context_psnr(), ..Report::default() };
-    let mut round = Round { best: report.psnr_start, ..Round::default() };
+    let mut rounds = Rounds::default();
     while report.stopped.is_none() {
         let begin = Instant::now();
         let progress = config.stop.progress(report.steps.len(), work.spent);
@@ -58,21 +64,23 @@ pub fn refine(
             report.stopped = Some(Stopped::Done);
             break;
         }
-        let chosen: Vec<usize> = (0..config.views_per_step).map(|_| turns.next()).collect();
+        if progress >= f64::from(config.coarse) && work.leave_half_size() {
+            rounds = Rounds::default();
+        }
+        let at_once = config.views_per_step.min(views.len());
+        let chosen: Vec<usize> = (0..at_once).map(|_| turns.next()).collect();
         let loss = work.step(&chosen, decay(progress), rasterizer)?;
         report.undone += usize::from(loss.is_none());
-        round.views += chosen.len();
-        if round.views >= views.len() {
-            round.views %= views.len();
-            if round.is_last(work.context_psnr(), config.smallest_gain) {
-                report.stopped = Some(Stopped::NothingGained);
-            }
-        }
         work.spent += begin.elapsed();
+        let over = rounds.are_over(chosen.len(), views.len(), work.context_psnr(), config.smallest_gain);
+        if over && work.at_full_size() && config.stop.progress(report.steps.len() + 1, work.spent) < 1.0 {
+            report.stopped = Some(Stopped::NothingGained);
+        }
         let record = StepRecord {
             step: report.steps.len() + 1,
             seconds: work.spent.as_secs_f64(),
             loss,
+            half_size: !work.at_full_size(),
             psnr_context: work.context_psnr(),
         };
         report.steps.push(record);
@@ -89,20 +97,28 @@ pub fn refine(
 
 /// The rounds over all views so far.
 #[derive(Debug, Default)]
-struct Round {
-    /// Views compared in this round.
+struct Rounds {
+    /// Views compared in the round that is going on.
     views: usize,
-    best: f64,
-    without_gain: usize,
+    /// PSNR at the end of each, dB.
+    psnr: Vec<f64>,
 }
 
-impl Round {
-    /// A round is over: whether there is nothing left to gain.
-    fn is_last(&mut self, psnr: f64, smallest_gain: f64) -> bool {
-        // Written so that NaN, and a picture that cannot get better, are no gain.
-        self.without_gain = if psnr > self.best + smallest_gain { 0 } else { self.without_gain + 1 };
-        self.best = self.best.max(psnr);
-        smallest_gain > 0.0 && self.without_gain >= PATIENCE
+impl Rounds {
+    /// Some of `all` views were compared; whether there is nothing left to gain. A single round says little: steps are noisy.
+    fn are_over(&mut self, compared: usize, all: usize, psnr: f64, smallest_gain: f64) -> bool {
+        self.views += compared;
+        if self.views < all {
+            return false;
+        }
+        self.views %= all;
+        self.psnr.push(psnr);
+        let Some(before) = self.psnr.len().checked_sub(2 * PATIENCE) else { return false };
+        let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
+        let (earlier, latest) = self.psnr[before..].split_at(PATIENCE);
+        // Written so that NaN, and pictures that cannot get better, are no gain.
+        let gains = mean(latest) > mean(earlier) + smallest_gain;
+        smallest_gain > 0.0 && !gains
     }
 }
 
@@ -110,12 +126,14 @@ struct Work<'a> {
     config: &'a Config,
     gaussians: Gaussians,
     objective: Objective<'a>,
+    /// The same with views of half the size, as long as these are compared.
+    coarse: Option<Objective<'a>>,
     exposures: Exposures,
     limits: Vec<Limits>,
     geometry_moments: Moments,
     sh_moments: Moments,
-    /// Newest PSNR of every view.
-    psnr: Vec<f64>,
+    /// Newest PSNR of every view; none yet at this size.
+    psnr: Vec<Option<f64>>,
     /// Updates done.
     updates: usize,
     spent: Duration,
@@ -125,22 +143,26 @@ impl<'a> Work<'a> {
     fn new(
         gaussians: Gaussians,
         views: &'a [View],
+        half: Option<&'a [View]>,
         config: &'a Config,
         rasterizer: &mut Rasterizer,
     ) -> Result<Self> {
-        let begin = Instant::now();
         let gaussians = with_sh_degree(gaussians, config.sh_degree);
-        let mut objective = Objective::new(&gaussians, views, config.loss)?;
+        let whole = RenderSettings::default().eps2d;
+        let mut objective = Objective::new(&gaussians, views, config.loss, whole)?;
+        let coarse =
+            half.map(|half| Objective::new(&gaussians, half, config.loss, low_pass())).transpose()?;
         let mut at_start = Vec::with_capacity(views.len());
         let mut psnr = Vec::with_capacity(views.len());
         for view in 0..views.len() {
             let (exposure, found) = objective.look(&gaussians, view, rasterizer)?;
             at_start.push(if config.exposure { exposure } else { Exposure::NONE });
-            psnr.push(found);
+            psnr.push(Some(found));
         }
         Ok(Self {
             config,
             objective,
+            coarse,
             exposures: Exposures::new(at_start),
             limits: Limits::of_scene(&gaussians, views),
             geometry_moments: Moments::new(gaussians.geometry().len()),
@@ -148,28 +170,45 @@ impl<'a> Work<'a> {
             gaussians,
             psnr,
             updates: 0,
-            spent: begin.elapsed(),
+            spent: Duration::ZERO,
         })
     }
 
-    /// Mean over the views of the newest PSNR of each.
-    fn context_psnr(&self) -> f64 {
-        self.psnr.iter().sum::<f64>() / self.psnr.len() as f64
+    fn at_full_size(&self) -> bool {
+        self.coarse.is_none()
     }
 
-    /// One step on some views: the mean of their losses, or `None` if a loss or a derivative was not finite and the scene
-    /// was left as it was.
+    /// From now on views are compared as they are; whether they were not so far. Their PSNR at half size says nothing of it.
+    fn leave_half_size(&mut self) -> bool {
+        let left = self.coarse.take().is_some();
+        if left {
+            self.psnr.fill(None);
+        }
+        left
+    }
+
+    /// Mean over the views of the newest PSNR of each at this size. One that cannot be better, or cannot be compared, must not
+    /// hide the others.
+    fn context_psnr(&self) -> f64 {
+        let known = self.psnr.iter().flatten().filter(|psnr| !psnr.is_nan());
+        let (sum, n) = known.fold((0.0, 0.0), |(sum, n), psnr| (sum + psnr.min(BEST_PSNR), n + 1.0));
+        sum / n
+    }
+
+    /// One step on some views: the mean of their losses, or `None` if a loss or a derivative was not finite; all is then as
+    /// it was.
     fn step(&mut self, chosen: &[usize], factor: f32, rasterizer: &mut Rasterizer) -> Result<Option<f64>> {
         let weight = 1.0 / chosen.len() as f32;
         let mut sum: Option<Gradients> = None;
+        let mut compared_views = Vec::with_capacity(chosen.len());
         let mut loss = 0.0;
         for &view in chosen {
             let exposure = self.exposures.of(view);
-            let found = self.objective.differentiate(&self.gaussians, view, exposure, weight, rasterizer)?;
+            let objective = self.coarse.as_mut().unwrap_or(&mut self.objective);
+            let found = objective.differentiate(&self.gaussians, view, exposure, weight, rasterizer)?;
             let Some(OfView { compared, gradients }) = found else { return Ok(None) };
-            self.psnr[view] = compared.psnr;
             loss += compared.loss * f64::from(weight);
-            self.exposures.draw(view, compared.fit);
+            compared_views.push((view, compared));
             match &mut sum {
                 None => sum = Some(gradients),
                 Some(sum) => {
@@ -181,6 +220,10 @@ impl<'a> Work<'a> {
         let Some(gradients) = sum else { return Ok(None) };
         if !(is_sound(&gradients.geometry) && is_sound(&gradients.sh)) {
             return Ok(None);
+        }
+        for (view, compared) in compared_views {
+            self.psnr[view] = Some(compared.psnr);
+            self.exposures.draw(view, compared.fit);
         }
         self.updates += 1;
         self.update(&gradients, factor);
@@ -254,10 +297,13 @@ fn with_sh_degree(gaussians: Gaussians, degree: usize) -> Gaussians {
 /// The scene without what cannot be seen in any view: too transparent to be drawn, or not finite.
 fn prune(gaussians: Gaussians, pruned: &mut Vec<u32>) -> Gaussians {
     let threshold = RenderSettings::default().alpha_min;
-    let visible =
-        |row: &[f32]| row.iter().all(|v| v.is_finite()) && sigmoid(row[gs_scene::OPACITY_LOGIT]) >= threshold;
-    let rows = (0..).zip(gaussians.geometry().chunks_exact(Gaussians::GEOMETRY));
-    pruned.extend(rows.filter(|(_, row)| !visible(row)).map(|(i, _): (u32, _)| i));
+    let visible = |row: &[f32], sh: &[f32]| {
+        row.iter().chain(sh).all(|v| v.is_finite()) && sigmoid(row[gs_scene::OPACITY_LOGIT]) >= threshold
+    };
+    let per_gaussian = sh_coefficients(gaussians.sh_degree()) * 3;
+    let rows = gaussians.geometry().chunks_exact(Gaussians::GEOMETRY);
+    let rows = (0u32..).zip(rows.zip(gaussians.sh().chunks_exact(per_gaussian)));
+    pruned.extend(rows.filter(|(_, (row, sh))| !visible(row, sh)).map(|(i, _)| i));
     if pruned.is_empty() {
         return gaussians;
     }
@@ -268,6 +314,6 @@ fn prune(gaussians: Gaussians, pruned: &mut Vec<u32>) -> Gaussians {
     };
     let degree = gaussians.sh_degree();
     let geometry = keep(gaussians.geometry(), Gaussians::GEOMETRY);
-    let sh = keep(gaussians.sh(), sh_coefficients(degree) * 3);
+    let sh = keep(gaussians.sh(), per_gaussian);
     Gaussians::new(degree, geometry, sh).expect("as many rows in both")
 }

@@ -36,7 +36,9 @@ pub struct StepRecord {
     pub seconds: f64,
     /// Mean loss of the views of this step, before it; none if the step was undone.
     pub loss: Option<f64>,
-    /// Mean over all context views of the newest PSNR known of each, dB.
+    /// Whether views were compared at half their size, where a PSNR is higher.
+    pub half_size: bool,
+    /// Mean over the context views of the newest PSNR of each at that size, dB; exact matches count as 100.
     pub psnr_context: f64,
 }
 

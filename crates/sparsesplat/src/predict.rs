@@ -154,7 +154,9 @@ fn area_per_anchor(anchors: &Anchors, neighbours: usize) -> Result<Vec<Option<f6
     if neighbours == 0 || anchors.is_empty() {
         return Ok(vec![None; anchors.len()]);
     }
-    let found = knn::knn(&anchors.positions_from(DVec3::ZERO), neighbours)?;
+    // Seen from one of them: differences far from the world's origin keep their digits.
+    let origin = DVec3::from(anchors.positions[0]);
+    let found = knn::knn(&anchors.positions_from(origin), neighbours)?;
     let area = |row: usize| {
         let &farthest = found.row(row).1.last()?;
         Some(std::f64::consts::PI * f64::from(farthest) / found.k as f64)
