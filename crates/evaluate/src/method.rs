@@ -15,8 +15,8 @@ pub struct Method {
     pub predict: Config,
     /// Steps on the context views afterwards; none is the feed-forward result.
     pub refine: Option<refine::Config>,
-    /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is measured. The
-    /// curve then goes on to the last step: nothing stops early.
+    /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is
+    /// measured. The curve then goes on to the last step: nothing stops early.
     pub curve: bool,
 }
 

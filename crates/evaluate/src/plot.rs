@@ -18,8 +18,8 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(90, 90, 90),
 ];
 
-/// Held-out PSNR over the seconds of refinement, a line per scene and one for their mean: at each measured step the means
-/// over seeds and windows. Windows that stopped before the others are shown up to there.
+/// Held-out PSNR over the seconds of refinement, a line per scene and one for their mean: at each measured
+/// step the means over seeds and windows. Windows that stopped before the others are shown up to there.
 #[must_use]
 pub fn refinement_plot(windows: &[WindowRow]) -> String {
     let mut names: Vec<&str> = Vec::new();
@@ -80,13 +80,15 @@ fn draw(svg: &mut String, lines: &[(String, Vec<CurvePoint>)], scenes: usize) ->
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(48)
-        .build_cartesian_2d(0.0..longest * 1.02, low..high)?;
+        // Room for the legend beside the lines.
+        .build_cartesian_2d(0.0..longest * 1.18, low..high)?;
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
         .x_desc("seconds of refinement")
         .y_desc("PSNR of held-out views, dB")
-        .label_style(("sans-serif", 13))
+        .label_style(("sans-serif", 14))
+        .axis_desc_style(("sans-serif", 15))
         .draw()?;
     for (i, (name, curve)) in lines.iter().enumerate() {
         let is_mean = i >= scenes;

@@ -122,13 +122,13 @@ fn outcome(
     Outcome { figures, prediction, renderings: Vec::new() }
 }
 
-/// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are compared as they
-/// are, floats clipped to 0..1, over a black background, in the common exposure: nothing is fitted to a target. With
-/// refinement the targets are measured before it as well.
+/// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are
+/// compared as they are, floats clipped to 0..1, over a black background, in the common exposure: nothing is
+/// fitted to a target. With refinement the targets are measured before it as well.
 ///
 /// # Errors
-/// If the views do not suffice for the settings, the scene cannot be refined, a view cannot be rendered, or the sizes of two
-/// pictures that are to be compared differ.
+/// If the views do not suffice for the settings, the scene cannot be refined, a view cannot be rendered, or
+/// the sizes of two pictures that are to be compared differ.
 pub fn run_window(
     window: &Window,
     method: &Method,

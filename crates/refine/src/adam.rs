@@ -6,7 +6,8 @@ use multiversion::multiversion;
 const BETA_1: f32 = 0.9;
 /// Decay of the running mean of squared gradients. Short: there are tens of steps, not thousands.
 const BETA_2: f32 = 0.99;
-/// Below any gradient that matters (a loss is at most about 1 and shared among all Gaussians), above rounding to 0.
+/// Below any gradient that matters (a loss is at most about 1 and shared among all Gaussians), above rounding
+/// to 0.
 const EPSILON: f32 = 1e-15;
 
 /// Running means of gradients and of their squares, one pair per number.
@@ -37,8 +38,8 @@ impl Correction {
     }
 }
 
-/// One update of a stretch of numbers, all slices of one length: a number whose gradients are of one size and sign moves by its
-/// rate. Numbers whose gradient was always 0 stay as they are.
+/// One update of a stretch of numbers, all slices of one length: a number whose gradients are of one size and
+/// sign moves by its rate. Numbers whose gradient was always 0 stay as they are.
 #[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
 pub(crate) fn update(
     values: &mut [f32],

@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 pub struct Config {
     /// When to stop at the latest.
     pub stop: Stop,
-    /// Views that each step renders and compares, at most all; a step's gradient is their mean. All views take turns, in an
-    /// order shuffled anew for every round.
+    /// Views that each step renders and compares, at most all; a step's gradient is their mean. All views
+    /// take turns, in an order shuffled anew for every round.
     pub views_per_step: usize,
-    /// Share of the way, 0 to 1, at whose beginning views are compared at half their size, for less than half the time. Views
-    /// with a side below 32 pixels are compared as they are.
+    /// Share of the way, 0 to 1, at whose beginning views are compared at half their size, for less than half
+    /// the time. Views with a side below 32 pixels are compared as they are.
     pub coarse: f32,
     /// How far a step goes.
     pub rates: Rates,
@@ -21,10 +21,11 @@ pub struct Config {
     pub sh_degree: usize,
     /// Whether a gain and a bias per view take up what the views disagree in, if they do.
     pub exposure: bool,
-    /// Whether Gaussians that have become too transparent to be drawn are dropped. No rendering changes by it.
+    /// Whether Gaussians that have become too transparent to be drawn are dropped. No rendering changes by
+    /// it.
     pub prune: bool,
-    /// Stop early when ten rounds over all views, at their full size, are on the mean not better than the ten before by this,
-    /// dB on the context views; 0 never does.
+    /// Stop early when ten rounds over all views, at their full size, are on the mean not better than the ten
+    /// before by this, dB on the context views; 0 never does.
     pub smallest_gain: f64,
     /// Seed of the order of the views.
     pub seed: u64,
@@ -53,8 +54,8 @@ impl Default for Config {
 pub enum Stop {
     /// After so many steps.
     Steps(usize),
-    /// When this much wall time is over, seconds. The number of steps, and with it the result, then depends on the
-    /// machine; the report says how many they were.
+    /// When this much wall time is over, seconds. The number of steps, and with it the result, then depends
+    /// on the machine; the report says how many they were.
     Seconds(f64),
 }
 
@@ -62,8 +63,8 @@ pub enum Stop {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Rates {
-    /// Of means, in widths of a pixel at the Gaussian's depth in the view that is nearest to it: the same whatever the
-    /// scale of the scene, and for near and far alike.
+    /// Of means, in widths of a pixel at the Gaussian's depth in the view that is nearest to it: the same
+    /// whatever the scale of the scene, and for near and far alike.
     pub mean: f32,
     /// Of unit quaternions; half an angle, radians.
     pub rotation: f32,

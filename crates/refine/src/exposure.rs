@@ -2,16 +2,17 @@
 
 use serde::Serialize;
 
-/// Gains and biases are only fitted if, at the start, one of them would move a dark or a light grey by more than this
-/// (0..1): below, they would fit errors of the scene.
+/// Gains and biases are only fitted if, at the start, one of them would move a dark or a light grey by more
+/// than this (0..1): below, they would fit errors of the scene.
 const NOTICEABLE: f64 = 0.02;
-/// Share of the way to the best fit that a comparison moves the exposure of its view: the scene changes meanwhile.
+/// Share of the way to the best fit that a comparison moves the exposure of its view: the scene changes
+/// meanwhile.
 const STEP: f32 = 0.2;
 /// Variance of colours that speaks for the gain as it was: a view of one colour has no gain.
 const PRIOR: f64 = 0.01;
 
-/// What the camera did to a view: photograph ≈ gain · rendering + bias. 1 and 0 if nothing; over all views the mean gain is
-/// 1 and the mean bias 0, so that the scene keeps its exposure.
+/// What the camera did to a view: photograph ≈ gain · rendering + bias. 1 and 0 if nothing; over all views
+/// the mean gain is 1 and the mean bias 0, so that the scene keeps its exposure.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Exposure {
     /// Factor.
@@ -24,13 +25,13 @@ impl Exposure {
     /// No change.
     pub const NONE: Self = Self { gain: 1.0, bias: 0.0 };
 
-    /// Least squares of a photograph by its rendering, drawn towards the gain `self` and kept within a factor of two. Drawn towards no change, step by step, the
-    /// scene would follow.
+    /// Least squares of a photograph by its rendering, drawn towards the gain `self` and kept within a factor
+    /// of two. Drawn towards no change, step by step, the scene would follow.
     pub(crate) fn fit(self, rendering: &[f32], photograph: &[f32]) -> Self {
         let [mut n, mut r, mut p, mut rr, mut rp] = [0.0f64; 5];
         for (&a, &b) in rendering.iter().zip(photograph) {
-            // What is black or blown out has lost its exposure. (In a photograph that was brought into another exposure such
-            // pixels are no longer told apart: few, as a rule.)
+            // What is black or blown out has lost its exposure. (In a photograph that was brought into
+            // another exposure such pixels are no longer told apart: few, as a rule.)
             if (0.02..0.98).contains(&b) {
                 let (a, b) = (f64::from(a), f64::from(b));
                 n += 1.0;

@@ -11,8 +11,8 @@ pub(crate) fn low_pass() -> f32 {
     0.25 * RenderSettings::default().eps2d
 }
 
-/// All views at half their size, each pixel the mean of four; a last odd row or column is left out. `None` if one of them is
-/// too small for that.
+/// All views at half their size, each pixel the mean of four; a last odd row or column is left out. `None` if
+/// one of them is too small for that.
 pub(crate) fn half_size(views: &[View]) -> Option<Vec<View>> {
     views.iter().all(|view| view.image().width().min(view.image().height()) >= SMALLEST).then(|| {
         let of = |view: &View| {

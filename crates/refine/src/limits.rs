@@ -4,7 +4,8 @@ use glam::DVec3;
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, View};
 use rayon::prelude::*;
 
-/// Smallest standard deviation, in pixels of the nearest view. The low-pass filter of the renderer (0.55 px) hides what is finer.
+/// Smallest standard deviation, in pixels of the nearest view. The low-pass filter of the renderer (0.55 px)
+/// hides what is finer.
 const SMALLEST: f32 = 1e-2;
 /// Largest standard deviation over the distance to the nearest view: such a Gaussian is 90 degrees wide.
 const LARGEST: f32 = 1.0;
@@ -14,8 +15,8 @@ const LOGIT: f32 = 9.2;
 /// Per Gaussian, what its numbers are measured by.
 #[derive(Debug, Clone)]
 pub(crate) struct Limits {
-    /// Width of a pixel at the Gaussian, scene units, in the view that is nearest to it; 0 if it lies behind all of them
-    /// or nowhere: it does not move then.
+    /// Width of a pixel at the Gaussian, scene units, in the view that is nearest to it; 0 if it lies behind
+    /// all of them or nowhere: it does not move then.
     pub(crate) footprint: f32,
     log_scale: (f32, f32),
     logit: (f32, f32),
@@ -55,8 +56,8 @@ impl Limits {
         }
     }
 
-    /// Brings the row of a Gaussian that has been moved back within the limits; its quaternion becomes a unit one, so that
-    /// rates of rotation are angles.
+    /// Brings the row of a Gaussian that has been moved back within the limits; its quaternion becomes a unit
+    /// one, so that rates of rotation are angles.
     pub(crate) fn apply(&self, row: &mut [f32]) {
         let norm = row[QUATERNION].iter().map(|q| q * q).sum::<f32>().sqrt();
         if norm.is_normal() {

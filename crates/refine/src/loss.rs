@@ -5,7 +5,8 @@ use gs_scene::View;
 use image_metrics::{SsimScratch, SsimTarget};
 use rayon::prelude::*;
 
-/// Numbers per parallel task. Fixed, and sums over tasks are taken in order, so that rounding does not depend on threads.
+/// Numbers per parallel task. Fixed, and sums over tasks are taken in order, so that rounding does not depend
+/// on threads.
 const CHUNK: usize = 3 << 12;
 
 /// Colours beyond this have a loss that f32 does not hold well: the step that led to them is not believed.
@@ -50,8 +51,8 @@ impl<'a> Target<'a> {
         Ok(Self { photograph, structure })
     }
 
-    /// Compares a rendering, seen through an exposure, with the photograph; `None` if its colours are not finite or beyond
-    /// all measure. The derivative is multiplied by `weight`.
+    /// Compares a rendering, seen through an exposure, with the photograph; `None` if its colours are not
+    /// finite or beyond all measure. The derivative is multiplied by `weight`.
     pub(crate) fn compare(
         &self,
         rendering: &[f32],
@@ -121,7 +122,8 @@ impl<'a> Target<'a> {
     }
 }
 
-/// Writes the derivative of a sum of terms of the differences, times `weight`; `term` gives value and derivative.
+/// Writes the derivative of a sum of terms of the differences, times `weight`; `term` gives value and
+/// derivative.
 fn colour_term(
     gradient: &mut [f32],
     seen: &[f32],

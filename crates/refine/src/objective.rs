@@ -34,8 +34,8 @@ impl<'a> Objective<'a> {
         Ok(Self { views, targets, loss, settings, scratch: SsimScratch::default() })
     }
 
-    /// Exposure in which a view's photograph is closest to the scene as it is, and the PSNR without one; NaN if the rendering
-    /// cannot be compared.
+    /// Exposure in which a view's photograph is closest to the scene as it is, and the PSNR without one; NaN
+    /// if the rendering cannot be compared.
     pub(crate) fn look(
         &mut self,
         scene: &Gaussians,
@@ -48,8 +48,8 @@ impl<'a> Objective<'a> {
         Ok(compared.map_or((Exposure::NONE, f64::NAN), |compared| (compared.fit, compared.psnr)))
     }
 
-    /// Renders a view, compares and differentiates; `None` if the picture is beyond comparison. Derivatives, not the value,
-    /// are multiplied by `weight`.
+    /// Renders a view, compares and differentiates; `None` if the picture is beyond comparison. Derivatives,
+    /// not the value, are multiplied by `weight`.
     pub(crate) fn differentiate(
         &mut self,
         scene: &Gaussians,
@@ -78,8 +78,8 @@ mod tests {
     use crate::scenes::{cameras, disturbed, photographs, wall};
     use std::ops::Range;
 
-    /// Derivatives of the mean loss of all views against central differences along the derivative itself, where the slope is
-    /// largest and the rounding of the loss smallest against it.
+    /// Derivatives of the mean loss of all views against central differences along the derivative itself,
+    /// where the slope is largest and the rounding of the loss smallest against it.
     fn check(loss: Loss, exposure: Exposure) {
         let truth = wall(6, 1.0);
         let views = photographs(&truth, &cameras(2, (40, 32), 1.0));

@@ -30,15 +30,17 @@ pub struct Refined {
     pub report: Report,
 }
 
-/// Moves Gaussians so that they look like the photographs `views`, in a few steps of Adam on the derivatives of the rendering.
+/// Moves Gaussians so that they look like the photographs `views`, in a few steps of Adam on the derivatives
+/// of the rendering.
 ///
-/// `on_step` is called after each step, outside the time that is measured. The number of Gaussians never rises. The same
-/// input and seed give the same bytes on any number of threads, except with [`Stop::Seconds`](crate::Stop::Seconds). Gaussians that
-/// no rendering can show (values that are not finite) stay as they are until they are pruned.
+/// `on_step` is called after each step, outside the time that is measured. The number of Gaussians never
+/// rises. The same input and seed give the same bytes on any number of threads, except with
+/// [`Stop::Seconds`](crate::Stop::Seconds). Gaussians that no rendering can show (values that are not finite)
+/// stay as they are until they are pruned.
 ///
 /// # Errors
-/// If there are no views, a setting is out of its range, a view is too small for the structural term, or the scene cannot
-/// be rendered or differentiated.
+/// If there are no views, a setting is out of its range, a view is too small for the structural term, or the
+/// scene cannot be rendered or differentiated.
 pub fn refine(
     gaussians: Gaussians,
     views: &[View],
@@ -105,7 +107,8 @@ struct Rounds {
 }
 
 impl Rounds {
-    /// Some of `all` views were compared; whether there is nothing left to gain. A single round says little: steps are noisy.
+    /// Some of `all` views were compared; whether there is nothing left to gain. A single round says little:
+    /// steps are noisy.
     fn are_over(&mut self, compared: usize, all: usize, psnr: f64, smallest_gain: f64) -> bool {
         self.views += compared;
         if self.views < all {
@@ -178,7 +181,8 @@ impl<'a> Work<'a> {
         self.coarse.is_none()
     }
 
-    /// From now on views are compared as they are; whether they were not so far. Their PSNR at half size says nothing of it.
+    /// From now on views are compared as they are; whether they were not so far. Their PSNR at half size says
+    /// nothing of it.
     fn leave_half_size(&mut self) -> bool {
         let left = self.coarse.take().is_some();
         if left {
@@ -187,16 +191,16 @@ impl<'a> Work<'a> {
         left
     }
 
-    /// Mean over the views of the newest PSNR of each at this size. One that cannot be better, or cannot be compared, must not
-    /// hide the others.
+    /// Mean over the views of the newest PSNR of each at this size. One that cannot be better, or cannot be
+    /// compared, must not hide the others.
     fn context_psnr(&self) -> f64 {
         let known = self.psnr.iter().flatten().filter(|psnr| !psnr.is_nan());
         let (sum, n) = known.fold((0.0, 0.0), |(sum, n), psnr| (sum + psnr.min(BEST_PSNR), n + 1.0));
         sum / n
     }
 
-    /// One step on some views: the mean of their losses, or `None` if a loss or a derivative was not finite; all is then as
-    /// it was.
+    /// One step on some views: the mean of their losses, or `None` if a loss or a derivative was not finite;
+    /// all is then as it was.
     fn step(&mut self, chosen: &[usize], factor: f32, rasterizer: &mut Rasterizer) -> Result<Option<f64>> {
         let weight = 1.0 / chosen.len() as f32;
         let mut sum: Option<Gradients> = None;
