@@ -165,7 +165,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(12))]
+        #![proptest_config(ProptestConfig::with_cases(48))]
         #[test]
         fn derivatives_are_those_of_the_value(
             photograph in picture(), rendering in picture(), gain in 0.6f32..1.4, bias in -0.2f32..0.2,
@@ -175,19 +175,30 @@ mod tests {
             let loss = Loss { colour: if l1 { ColourTerm::L1 } else { ColourTerm::Mse }, dssim };
             let exposure = Exposure { gain, bias };
             let found = compare(&view, &rendering, exposure, loss, 1.0);
-            let value = |rendering: &[f32], exposure| compare(&view, rendering, exposure, loss, 1.0).loss;
-            // f32 inside: steps large enough for its rounding, so that a kink of |d| may lie between.
-            let step = 2e-3f32;
+            // The value by its definition, in f64: differences of the f32 value would be mostly its rounding.
+            let value = |rendering: &[f32]| {
+                let photograph = view.image().data();
+                let seen: Vec<f32> = rendering.iter().map(|v| gain * v + bias).collect();
+                let differences = seen.iter().zip(photograph).map(|(a, b)| f64::from(*a) - f64::from(*b));
+                let colour: f64 = differences.map(|d| if l1 { d.abs() } else { d * d }).sum();
+                let structure = 1.0 - image_metrics::ssim_rgb(&seen, photograph, 12, 12).unwrap();
+                f64::from(1.0 - dssim) * colour / 432.0 + f64::from(dssim) * structure
+            };
+            prop_assert!((found.loss - value(&rendering)).abs() < 1e-6);
+            let step = 1.0 / 1024.0;
             let difference = f64::from(gain * rendering[at] + bias - view.image().data()[at]).abs();
-            if !l1 || difference > 2.0 * f64::from(step) {
-                let moved = |by: f32| {
+            // No kink of |d| between the two values.
+            if !l1 || difference > 2.0 * step {
+                let moved = |by: f64| {
                     let mut moved = rendering.clone();
-                    moved[at] += by;
-                    value(&moved, exposure)
+                    moved[at] += by as f32;
+                    (f64::from(moved[at]), value(&moved))
                 };
-                let slope = (moved(step) - moved(-step)) / f64::from(2.0 * step);
-                prop_assert!((slope - f64::from(found.by_rendering[at])).abs() < 3e-5 + 2e-2 * slope.abs(),
-                    "{slope} {}", found.by_rendering[at]);
+                let ((low, below), (high, above)) = (moved(-step), moved(step));
+                let slope = (above - below) / (high - low);
+                let found = f64::from(found.by_rendering[at]);
+                // The second term is what a finite step misses.
+                prop_assert!((slope - found).abs() < 1e-6 + 2e-3 * slope.abs(), "{slope} {found}");
             }
             let doubled = compare(&view, &rendering, exposure, loss, 2.0);
             prop_assert!((doubled.loss, doubled.psnr) == (found.loss, found.psnr));
