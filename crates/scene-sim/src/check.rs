@@ -92,6 +92,13 @@ impl<'a> Place<'a> {
                 self.period("scale", scale)?;
                 self.rule((1..=12).contains(&octaves), "octaves", octaves.into(), "1 to 12")
             }
+            Pattern::Foliage { dark, light, leaf, cover } => {
+                self.colour("dark", dark)?;
+                self.colour("light", light)?;
+                self.period("leaf", leaf)?;
+                self.share("cover", cover)
+            }
+            Pattern::VertexColours => Ok(()),
             Pattern::Print { paper, ink, accent, line } => {
                 self.colour("paper", paper)?;
                 self.colour("ink", ink)?;

@@ -135,16 +135,15 @@ pub fn demo_scene() -> Scene {
     stage.surroundings();
     stage.furniture();
     stage.things_on_the_table();
-    Scene {
-        primitives: stage.0,
-        sun: Some(Sun { towards: v(-0.74, -0.50, 0.80), colour: [1.0, 0.96, 0.88], strength: 0.9 }),
-        sky: Sky {
-            zenith: [0.36, 0.56, 0.86],
-            horizon: [0.84, 0.90, 0.95],
-            ground: [0.52, 0.54, 0.42],
-            light: 0.62,
-        },
-    }
+    let sky = Sky {
+        zenith: [0.36, 0.56, 0.86],
+        horizon: [0.84, 0.90, 0.95],
+        ground: [0.52, 0.54, 0.42],
+        light: 0.62,
+        occlusion: None,
+    };
+    let sun = Sun { towards: v(-0.74, -0.50, 0.80), colour: [1.0, 0.96, 0.88], strength: 0.9, diameter: 0.0 };
+    Scene { primitives: stage.0, sun: Some(sun), ..Scene::under(sky) }
 }
 
 /// Cameras of the demonstration, along the arc of a person who walks around the table: six context views, and

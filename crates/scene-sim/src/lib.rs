@@ -4,7 +4,11 @@ mod error;
 
 mod check;
 mod demo;
+mod light;
+mod material;
+mod mesh;
 mod noise;
+mod photographs;
 mod render;
 mod scene;
 mod shape;
@@ -16,8 +20,12 @@ mod varied;
 
 pub use demo::{demo_cameras, demo_scene};
 pub use error::{Error, Result};
+pub use light::{Lamp, Occlusion, Sky, Sun};
+pub use material::{Finish, Material, Pattern, Rgb};
+pub use mesh::{Mesh, MeshSource};
+pub use photographs::{Aperture, Exposure, Photographs, SensorNoise};
 pub use render::{RayCounts, render_counted, render_view};
-pub use scene::{Material, Pattern, Primitive, Rgb, Scene, Shape, Sky, Sun};
+pub use scene::{Primitive, SCENE_VERSION, Scene, Shape};
 pub use trace::Traced;
 pub use trajectory::{Trajectory, lens};
 pub use varied::{varied_cameras, varied_scene};

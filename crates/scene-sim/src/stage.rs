@@ -1,6 +1,6 @@
 //! Shorthand for building scenes in code.
 
-use crate::{Material, Pattern, Primitive, Rgb, Shape};
+use crate::{Finish, Material, Pattern, Primitive, Rgb, Shape};
 use glam::DVec3;
 
 pub(crate) const LIGHT_WOOD: Rgb = [0.80, 0.62, 0.42];
@@ -38,7 +38,7 @@ impl Stage {
         centre: DVec3,
         pattern: Pattern,
     ) -> &mut Primitive {
-        let material = Material { pattern, mottle: 0.0, seed: self.0.len() as u32 };
+        let material = Material { pattern, mottle: 0.0, seed: self.0.len() as u32, finish: Finish::Matte };
         self.0.push(Primitive { name: name.into(), shape, centre, rotation: DVec3::ZERO, material });
         let last = self.0.len() - 1;
         &mut self.0[last]

@@ -48,6 +48,10 @@ impl Texture {
             Pattern::Noise { dark, light, scale, octaves } => {
                 Pattern::Noise { dark: linear(dark), light: linear(light), scale, octaves }
             }
+            Pattern::Foliage { dark, light, leaf, cover } => {
+                Pattern::Foliage { dark: linear(dark), light: linear(light), leaf, cover }
+            }
+            Pattern::VertexColours => Pattern::VertexColours,
             Pattern::Print { paper, ink, accent, line } => {
                 Pattern::Print { paper: linear(paper), ink: linear(ink), accent: linear(accent), line }
             }
@@ -59,7 +63,7 @@ impl Texture {
     ///
     /// The footprint is sampled on a regular grid, two samples for every finest detail of the pattern.
     pub(crate) fn reflectance(&self, shape: &Shape, point: &SurfacePoint, footprint: &Footprint) -> Vec3 {
-        let Material { pattern, mottle, seed } = &self.0;
+        let Material { pattern, mottle, seed, .. } = &self.0;
         let (across, down) = (footprint.across.length(), footprint.down.length());
         let count = |edge: f64| (2.0 * edge / finest(pattern)).ceil().clamp(1.0, MOST_SAMPLES);
         let (columns, rows) = (count(across), count(down));
@@ -86,7 +90,8 @@ impl Texture {
 /// The size of the finest detail that a pattern shows with an edge, metres; noise band-limits itself.
 fn finest(pattern: &Pattern) -> f64 {
     match *pattern {
-        Pattern::Plain { .. } | Pattern::Noise { .. } => f64::INFINITY,
+        Pattern::Plain { .. } | Pattern::Noise { .. } | Pattern::VertexColours => f64::INFINITY,
+        Pattern::Foliage { leaf, .. } => 0.25 * leaf,
         Pattern::Checker { cell, .. } => 0.25 * cell,
         Pattern::Brick { joint, height, .. } => joint.max(0.05 * height),
         Pattern::Wood { plank, .. } => 0.1 * plank,
@@ -103,6 +108,8 @@ fn colour(pattern: &Pattern, shape: &Shape, point: &SurfacePoint, width: f64, se
     let page = || shape.texture_coordinates(point.face, point.position);
     match *pattern {
         Pattern::Plain { colour } => colour.into(),
+        Pattern::Foliage { light, .. } => light.into(),
+        Pattern::VertexColours => Vec3::ONE,
         Pattern::Checker { colours, cell: edge } => {
             let uv = page().0 / edge;
             colours[(cell(uv.x).wrapping_add(cell(uv.y)) & 1) as usize].into()

@@ -114,7 +114,7 @@ impl Boundable for Bounds {
 
 impl SkyLight {
     fn new(sky: &Sky) -> Self {
-        let Sky { zenith, horizon, ground, light } = *sky;
+        let Sky { zenith, horizon, ground, light, .. } = *sky;
         Self { zenith: linear(zenith), horizon: linear(horizon), ground: linear(ground), light }
     }
 
@@ -311,7 +311,7 @@ impl Traced {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Material, Pattern, Primitive};
+    use crate::{Finish, Material, Pattern, Primitive};
     use proptest::prelude::*;
 
     /// Shapes in cells of a grid, so that many touch and share planes, some far smaller than others.
@@ -333,14 +333,16 @@ mod tests {
             shape,
             centre: offset + DVec3::from(cell.map(f64::from)) * scale,
             rotation: turn.into(),
-            material: Material { pattern: Pattern::Plain { colour: [0.5; 3] }, mottle: 0.0, seed: 0 },
+            material: Material {
+                pattern: Pattern::Plain { colour: [0.5; 3] },
+                mottle: 0.0,
+                seed: 0,
+                finish: Finish::Matte,
+            },
         });
-        let sky = Sky { zenith: [0.5; 3], horizon: [0.5; 3], ground: [0.5; 3], light: 1.0 };
-        prop::collection::vec(primitive, 0..30).prop_map(move |primitives| Scene {
-            primitives,
-            sun: None,
-            sky,
-        })
+        let sky = Sky { zenith: [0.5; 3], horizon: [0.5; 3], ground: [0.5; 3], light: 1.0, occlusion: None };
+        prop::collection::vec(primitive, 0..30)
+            .prop_map(move |primitives| Scene { primitives, ..Scene::under(sky) })
     }
 
     fn brute_force(scene: &Traced, ray: &PathRay) -> Option<f64> {

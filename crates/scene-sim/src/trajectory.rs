@@ -6,8 +6,8 @@ use glam::DVec3;
 use gs_scene::{Camera, Intrinsics};
 use serde::{Deserialize, Serialize};
 
-/// A path of a camera that looks at one point, upright (z up). Metres and degrees.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// A path of an upright camera (z up). Metres and degrees. A circle is an arc of 360 degrees.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Trajectory {
     /// A level circular arc.
@@ -32,12 +32,31 @@ pub enum Trajectory {
         /// Where it ends.
         to: DVec3,
     },
+    /// A smooth curve through given places.
+    Through {
+        /// Where the camera passes, two places or more, in equal times from one to the next.
+        places: Vec<DVec3>,
+        /// What it looks at from each of them.
+        targets: Vec<DVec3>,
+    },
+    /// A path as a hand keeps it.
+    Handheld {
+        /// Where the hand means to go.
+        path: Box<Trajectory>,
+        /// How far the camera strays from it, metres (standard deviation).
+        sway: f64,
+        /// How far its view strays, degrees (standard deviation, about each axis).
+        turn: f64,
+        /// Which of the endless variants.
+        seed: u64,
+    },
 }
 
 impl Trajectory {
     /// The position at `u` in 0..=1 of the path.
     fn position(&self, u: f64) -> DVec3 {
         match *self {
+            Self::Through { .. } | Self::Handheld { .. } => todo!("XX"),
             Self::Arc { target, radius, height, from, to } => {
                 let (sine, cosine) = (from + (to - from) * u).to_radians().sin_cos();
                 target + DVec3::new(radius * cosine, radius * sine, height)
@@ -55,6 +74,7 @@ impl Trajectory {
         let name = || "trajectory".to_owned();
         let place = Place::new(&name);
         let target = match *self {
+            Self::Through { .. } | Self::Handheld { .. } => todo!("XX"),
             Self::Arc { target, radius, height, from, to } => {
                 place.extent("radius", radius)?;
                 place.point("height, from or to", DVec3::new(height, from, to))?;

@@ -143,9 +143,10 @@ pub fn varied_scene(seed: u64) -> Scene {
         horizon: [0.84, 0.90, 0.95],
         ground: [0.43, 0.46, 0.29],
         light: if overcast { 1.2 } else { 0.6 },
+        occlusion: None,
     };
-    let sun = Sun { towards, colour: [1.0, 0.96, 0.9], strength: 0.85 };
-    Scene { primitives: stage.0, sun: (!overcast).then_some(sun), sky }
+    let sun = Sun { towards, colour: [1.0, 0.96, 0.9], strength: 0.85, diameter: 0.0 };
+    Scene { primitives: stage.0, sun: (!overcast).then_some(sun), ..Scene::under(sky) }
 }
 
 /// Puts things on the floor of the room where there is room for them, and on the table if there is one.

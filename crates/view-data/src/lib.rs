@@ -3,7 +3,6 @@
 mod error;
 
 mod dataset;
-mod lens;
 mod nerfstudio;
 
 mod load;
@@ -18,8 +17,8 @@ mod select;
 
 pub use dataset::{Dataset, DepthFile, DepthPercentiles, Frame};
 pub use error::{Error, IndexRule, Result, TransformsRule};
+pub use gs_scene::{Distortion, Lens};
 pub use index::{Dropped, EvaluationIndex, Window, read_index};
-pub use lens::{Distortion, Lens};
 pub use nerfstudio::open_nerfstudio;
 pub use scene_depth::{SceneDepth, estimate_scene_depth};
 pub use select::{Selection, select_views};

@@ -140,7 +140,7 @@ impl DepthGrid<'_> {
     fn sample(&self, view: Intrinsics, to_picture: impl Fn(DVec2) -> DVec2) -> Result<DepthMap> {
         let (width, height, counts) = read_depth(&self.file.path, self.frame)?;
         let (sx, sy) = (width as f64 / self.picture.0 as f64, height as f64 / self.picture.1 as f64);
-        if (sx / sy - 1.0).abs() > crate::lens::MAX_ASPECT_DEVIATION {
+        if (sx / sy - 1.0).abs() > gs_scene::MAX_ASPECT_DEVIATION {
             return Err(Error::Aspect {
                 path: self.file.path.clone(),
                 width,

@@ -114,9 +114,10 @@ fn a_thing_under_the_sun_casts_a_shadow_where_it_belongs() {
 fn a_flat_white_surface_has_the_brightness_of_the_formula() {
     // Straight above a level floor: sun x cosine + sky light x mean of zenith and horizon, all in linear
     // light.
-    let sky = scene_sim::Sky { zenith: [0.5; 3], horizon: [0.5; 3], ground: [0.0; 3], light: 0.4 };
-    let sun = Sun { towards: DVec3::new(1.0, 0.0, 1.0), colour: [1.0; 3], strength: 0.6 };
-    let lit = Scene { primitives: vec![white_floor()], sun: Some(sun), sky };
+    let sky =
+        scene_sim::Sky { zenith: [0.5; 3], horizon: [0.5; 3], ground: [0.0; 3], light: 0.4, occlusion: None };
+    let sun = Sun { towards: DVec3::new(1.0, 0.0, 1.0), colour: [1.0; 3], strength: 0.6, diameter: 0.0 };
+    let lit = Scene { primitives: vec![white_floor()], sun: Some(sun), ..Scene::under(sky) };
     let camera = camera(DVec3::new(0.0, -0.1, 3.0), DVec3::ZERO);
     let found = view(&lit, &camera).image().pixel(30, 20)[1];
     let linear = 0.6 * 0.5f64.sqrt() + 0.4 * ((0.5 + 0.055) / 1.055f64).powf(2.4);

@@ -14,19 +14,22 @@ mod views;
 
 use glam::DVec3;
 use gs_scene::{Camera, DepthMap, View};
-use scene_sim::{Material, Pattern, Primitive, Rgb, Scene, Shape, Sky, Sun, Traced, lens, render_view};
+use scene_sim::{
+    Finish, Material, Pattern, Primitive, Rgb, Scene, Shape, Sky, Sun, Traced, lens, render_view,
+};
 
 const GREY: Pattern = Pattern::Plain { colour: [0.5; 3] };
-const SKY: Sky = Sky { zenith: [0.3, 0.5, 0.9], horizon: [0.8, 0.9, 1.0], ground: [0.4; 3], light: 0.5 };
-const SUN: Sun = Sun { towards: DVec3::new(-0.6, -0.3, 0.8), colour: [1.0; 3], strength: 0.8 };
+const SKY: Sky =
+    Sky { zenith: [0.3, 0.5, 0.9], horizon: [0.8, 0.9, 1.0], ground: [0.4; 3], light: 0.5, occlusion: None };
+const SUN: Sun = Sun { towards: DVec3::new(-0.6, -0.3, 0.8), colour: [1.0; 3], strength: 0.8, diameter: 0.0 };
 
 fn body(name: &str, shape: Shape, centre: DVec3, pattern: Pattern) -> Primitive {
-    let material = Material { pattern, mottle: 0.0, seed: 1 };
+    let material = Material { pattern, mottle: 0.0, seed: 1, finish: Finish::Matte };
     Primitive { name: name.into(), shape, centre, rotation: DVec3::ZERO, material }
 }
 
 fn scene(primitives: Vec<Primitive>, sun: Option<Sun>) -> Scene {
-    Scene { primitives, sun, sky: SKY }
+    Scene { primitives, sun, ..Scene::under(SKY) }
 }
 
 fn camera(position: DVec3, target: DVec3) -> Camera {

@@ -1,7 +1,7 @@
 //! The lens: a pinhole with OpenCV's radial and tangential distortion.
 
+use crate::Intrinsics;
 use glam::{DMat2, DVec2};
-use gs_scene::Intrinsics;
 use serde::{Deserialize, Serialize};
 
 /// Distortion coefficients of OpenCV's model, without unit; all 0 for a pinhole.
@@ -74,7 +74,8 @@ impl Lens {
     }
 
     /// As [`Lens::distort`], but `None` where the distortion is not one-to-one.
-    pub(crate) fn distort_one_to_one(&self, direction: DVec2) -> Option<DVec2> {
+    #[must_use]
+    pub fn distort_one_to_one(&self, direction: DVec2) -> Option<DVec2> {
         let (distorted, jacobian) = self.distortion.apply(direction);
         is_positive_definite(&jacobian).then(|| self.to_pixel(distorted))
     }
@@ -123,7 +124,8 @@ impl Lens {
     }
 
     /// The same lens for a picture of another size; `None` if its aspect ratio differs by more than 1 %.
-    pub(crate) fn at_size(&self, width: usize, height: usize) -> Option<Self> {
+    #[must_use]
+    pub fn at_size(&self, width: usize, height: usize) -> Option<Self> {
         let stated = self.intrinsics;
         let (sx, sy) = (width as f64 / stated.width as f64, height as f64 / stated.height as f64);
         let agrees = (sx / sy - 1.0).abs() <= MAX_ASPECT_DEVIATION;
@@ -135,4 +137,4 @@ impl Lens {
 const MAX_NEWTON_STEPS: usize = 60;
 const MAX_HALVINGS: usize = 40;
 /// Thumbnails of odd-sized pictures are rounded to whole pixels; a crop or a rotation differs by more.
-pub(crate) const MAX_ASPECT_DEVIATION: f64 = 0.01;
+pub const MAX_ASPECT_DEVIATION: f64 = 0.01;
