@@ -16,7 +16,13 @@ impl<'a> Place<'a> {
         Self { name }
     }
 
-    fn rule(&self, holds: bool, field: &'static str, found: f64, expected: &'static str) -> Result<()> {
+    pub(crate) fn rule(
+        &self,
+        holds: bool,
+        field: &'static str,
+        found: f64,
+        expected: &'static str,
+    ) -> Result<()> {
         if holds {
             return Ok(());
         }
