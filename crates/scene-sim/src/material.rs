@@ -38,6 +38,8 @@ pub enum Finish {
         /// Index of refraction, 1 to 3: 1.5 for window glass.
         index: f64,
     },
+    /// Shown as it is, whatever shines on it: the colours of a scan already contain the light.
+    Baked,
 }
 
 /// A procedural arrangement of colours on a surface, in metres.

@@ -2,7 +2,7 @@
 
 use crate::noise::{hash, unit};
 use crate::texture::{Footprint, encode};
-use crate::trace::{PathRay, Surface, Traced};
+use crate::trace::{Met, PathRay, Surface, Traced};
 use crate::{Error, Result};
 use glam::{DVec2, DVec3, Vec3};
 use gs_scene::{Camera, DepthMap, Image, View};
@@ -136,9 +136,13 @@ impl<'a> Renderer<'a> {
     /// The light that comes in along a camera ray.
     fn light(&self, ray: &PathRay, rays: &mut RayCounts) -> Vec3 {
         let Some(hit) = self.scene.nearest(ray) else { return self.scene.sky.background(ray.direction) };
-        let surface = self.scene.surface(ray, hit);
+        let surface = match self.scene.met(ray, hit) {
+            Met::Surface(surface) => surface,
+            // What it sheds is not simulated yet.
+            Met::Lamp(_) => return Vec3::ONE,
+        };
         let footprint = self.footprint(ray, hit.t, &surface);
-        let reflectance = surface.texture.reflectance(surface.shape, &surface.point, &footprint);
+        let reflectance = surface.texture.reflectance(&surface.canvas, &surface.point, &footprint);
         reflectance * (self.scene.sky.ambient(surface.normal) + self.sunlight(&surface, rays))
     }
 
@@ -150,8 +154,8 @@ impl<'a> Renderer<'a> {
             return Vec3::ZERO;
         }
         rays.shadow += 1;
-        let towards = PathRay { origin: surface.departure(), direction: sun.direction };
-        if self.scene.is_blocked(&towards) { Vec3::ZERO } else { sun.radiance * cosine as f32 }
+        let towards = PathRay { origin: surface.departure(sun.direction), direction: sun.direction };
+        if self.scene.is_blocked(&towards, f64::INFINITY) { Vec3::ZERO } else { sun.radiance * cosine as f32 }
     }
 
     /// The part of the surface's tangent plane that one sample covers (ray differentials), in shape axes.

@@ -2,7 +2,7 @@
 //! inside it for one interval of its parameter.
 
 use crate::Shape;
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 use std::f64::consts::PI;
 
 /// A point of a surface, in the axes of its shape.
@@ -12,6 +12,8 @@ pub(crate) struct SurfacePoint {
     /// Outward, unit length.
     pub(crate) normal: DVec3,
     pub(crate) face: Face,
+    /// What the vertices of a mesh give this point, linear; white where there is no such colour.
+    pub(crate) colour: Vec3,
 }
 
 /// Which part of the surface of a shape: what its texture is laid on.
@@ -21,6 +23,42 @@ pub(crate) enum Face {
     Flat { axis: usize, positive: bool },
     /// The round part of a sphere or cylinder.
     Round,
+    /// A triangle of a mesh.
+    Triangle,
+}
+
+/// What a pattern is laid on.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Canvas {
+    Shape(Shape),
+    Patch(Patch),
+}
+
+/// The plane of a triangle with texture coordinates that are linear on it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Patch {
+    /// A point of the plane, in the mesh's axes, metres.
+    pub(crate) origin: DVec3,
+    /// The coordinates there, metres.
+    pub(crate) at_origin: DVec2,
+    /// How they grow with the position.
+    pub(crate) gradients: [DVec3; 2],
+    /// How far they reach over the whole mesh, metres.
+    pub(crate) extent: DVec2,
+}
+
+impl Canvas {
+    /// Texture coordinates of a place on (or next to) a face, and the extent of that face, metres: u to
+    /// the right and v upwards for one who looks at it from outside, (0, 0) in its lower left corner.
+    pub(crate) fn texture_coordinates(&self, face: Face, p: DVec3) -> (DVec2, DVec2) {
+        match self {
+            Self::Shape(shape) => shape.texture_coordinates(face, p),
+            Self::Patch(patch) => {
+                let grown = patch.gradients.map(|gradient| gradient.dot(p - patch.origin));
+                (patch.at_origin + DVec2::from(grown), patch.extent)
+            }
+        }
+    }
 }
 
 /// The interval in which the ray coordinate `o + t d` stays within ±`half`.
@@ -118,7 +156,7 @@ impl Shape {
         if let Some((radial, radius)) = round {
             let normal = radial.normalize_or(DVec3::Z);
             let position = normal * radius + (p - radial);
-            return SurfacePoint { position, normal, face: Face::Round };
+            return SurfacePoint { position, normal, face: Face::Round, colour: Vec3::ONE };
         }
         let gap = (p.abs() - half).abs();
         let axis = match *self {
@@ -135,12 +173,11 @@ impl Shape {
         let (mut position, mut normal) = (p, DVec3::ZERO);
         position[axis] = sign * half[axis];
         normal[axis] = sign;
-        SurfacePoint { position, normal, face: Face::Flat { axis, positive } }
+        SurfacePoint { position, normal, face: Face::Flat { axis, positive }, colour: Vec3::ONE }
     }
 
-    /// Texture coordinates of a point on (or next to) a face, and the extent of that face, metres: u to the
-    /// right and v upwards for one who looks at the face from outside, (0, 0) in its lower left corner.
-    pub(crate) fn texture_coordinates(&self, face: Face, p: DVec3) -> (DVec2, DVec2) {
+    /// See [`Canvas::texture_coordinates`].
+    fn texture_coordinates(&self, face: Face, p: DVec3) -> (DVec2, DVec2) {
         let half = self.half();
         match face {
             Face::Flat { axis, positive } => {
@@ -152,7 +189,8 @@ impl Shape {
                 };
                 (DVec2::new(u, v) + extent, extent * 2.0)
             }
-            Face::Round => {
+            // A shape has no triangles.
+            Face::Round | Face::Triangle => {
                 let radius = half.x;
                 let turn = p.y.atan2(p.x) + PI;
                 let v = match self {

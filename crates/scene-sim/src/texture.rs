@@ -1,8 +1,8 @@
 //! Procedural textures: a pattern's colour at a point, and its mean over the footprint of a sample.
 
 use crate::noise::{cell, hash, octaves, unit, value};
-use crate::shape::SurfacePoint;
-use crate::{Material, Pattern, Rgb, Shape};
+use crate::shape::{Canvas, SurfacePoint};
+use crate::{Finish, Material, Pattern, Rgb};
 use glam::{DVec2, DVec3, Vec3};
 
 /// The part of a surface that one sample stands for: a parallelogram around a point, by its two edges,
@@ -59,10 +59,26 @@ impl Texture {
         Self(Material { pattern, ..material.clone() })
     }
 
+    /// What the surface does with light.
+    pub(crate) fn finish(&self) -> Finish {
+        self.0.finish
+    }
+
+    /// Whether [`Texture::is_hole`] may be true anywhere.
+    pub(crate) fn has_holes(&self) -> bool {
+        matches!(self.0.pattern, Pattern::Foliage { .. })
+    }
+
+    /// Whether rays pass at this point.
+    // Shading owns this rule, tracing only asks; until leaves have shapes nothing is a hole.
+    pub(crate) fn is_hole(&self, _canvas: &Canvas, _point: &SurfacePoint) -> bool {
+        false
+    }
+
     /// Mean reflectance over a footprint, linear RGB.
     ///
     /// The footprint is sampled on a regular grid, two samples for every finest detail of the pattern.
-    pub(crate) fn reflectance(&self, shape: &Shape, point: &SurfacePoint, footprint: &Footprint) -> Vec3 {
+    pub(crate) fn reflectance(&self, canvas: &Canvas, point: &SurfacePoint, footprint: &Footprint) -> Vec3 {
         let Material { pattern, mottle, seed, .. } = &self.0;
         let (across, down) = (footprint.across.length(), footprint.down.length());
         let count = |edge: f64| (2.0 * edge / finest(pattern)).ceil().clamp(1.0, MOST_SAMPLES);
@@ -74,7 +90,7 @@ impl Texture {
                 let offset = footprint.across * ((f64::from(column) + 0.5) / columns - 0.5)
                     + footprint.down * ((f64::from(row) + 0.5) / rows - 0.5);
                 let position = point.position + offset;
-                sum += colour(pattern, shape, &SurfacePoint { position, ..*point }, width, *seed);
+                sum += colour(pattern, canvas, &SurfacePoint { position, ..*point }, width, *seed);
             }
         }
         let mut mean = sum / (columns * rows) as f32;
@@ -104,12 +120,12 @@ fn mix(a: Rgb, b: Rgb, t: f64) -> Vec3 {
 }
 
 /// The colour at a point. `width` is the distance to the next sample, metres.
-fn colour(pattern: &Pattern, shape: &Shape, point: &SurfacePoint, width: f64, seed: u32) -> Vec3 {
-    let page = || shape.texture_coordinates(point.face, point.position);
+fn colour(pattern: &Pattern, canvas: &Canvas, point: &SurfacePoint, width: f64, seed: u32) -> Vec3 {
+    let page = || canvas.texture_coordinates(point.face, point.position);
     match *pattern {
         Pattern::Plain { colour } => colour.into(),
         Pattern::Foliage { light, .. } => light.into(),
-        Pattern::VertexColours => Vec3::ONE,
+        Pattern::VertexColours => point.colour,
         Pattern::Checker { colours, cell: edge } => {
             let uv = page().0 / edge;
             colours[(cell(uv.x).wrapping_add(cell(uv.y)) & 1) as usize].into()
