@@ -7,6 +7,8 @@
 mod depth;
 /// Descriptions that are wrong, and the error each of them gets.
 mod errors;
+/// Leaves and their holes.
+mod foliage;
 /// Light, shadow, ray counts and determinism.
 mod light;
 /// The views of the demonstration: overlap and agreement between them.
