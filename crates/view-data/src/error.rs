@@ -4,6 +4,15 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
+    /// A data set cannot be written.
+    #[error("{}: the data set cannot be written", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        rule: crate::WriteRule,
+    },
     /// A file or folder cannot be read.
     #[error("{}: cannot read", path.display())]
     Read {

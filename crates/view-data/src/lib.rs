@@ -15,6 +15,8 @@ mod overlap;
 mod scene_depth;
 mod select;
 
+mod write;
+
 pub use dataset::{Dataset, DepthFile, DepthPercentiles, Frame};
 pub use error::{Error, IndexRule, Result, TransformsRule};
 pub use gs_scene::{Distortion, Lens};
@@ -22,3 +24,4 @@ pub use index::{Dropped, EvaluationIndex, Window, read_index};
 pub use nerfstudio::open_nerfstudio;
 pub use scene_depth::{SceneDepth, estimate_scene_depth};
 pub use select::{Selection, select_views};
+pub use write::{DatasetWriter, Layout, PictureFormat, WriteRule, Written};

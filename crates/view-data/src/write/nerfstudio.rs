@@ -1,0 +1,85 @@
+//! nerfstudio's `transforms.json`.
+
+use super::{FrameToWrite, depth, samples, write_file};
+use crate::Result;
+use glam::DVec3;
+use gs_scene::Lens;
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// The frames so far.
+#[derive(Debug, Default)]
+pub(super) struct Transforms {
+    frames: Vec<(Lens, Map<String, Value>)>,
+    /// Depths of samples of all frames.
+    depths: Vec<f64>,
+}
+
+impl Transforms {
+    pub(super) fn add(&mut self, frame: &FrameToWrite<'_>) -> Result<u64> {
+        let camera = frame.view.camera();
+        // OpenGL's axes: y up, z backward.
+        let axes = camera.rotation().transpose() * glam::DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        let position = camera.position();
+        let row = |i: usize| json!([axes.x_axis[i], axes.y_axis[i], axes.z_axis[i], position[i]]);
+        let mut entry = Map::new();
+        entry.insert("file_path".into(), frame.write_picture()?.into());
+        entry.insert("transform_matrix".into(), json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]));
+        if let Some(map) = frame.view.depth() {
+            let path = format!("depth/{}.exr", frame.view.name());
+            depth::write(map, &frame.folder.join(&path))?;
+            entry.insert("depth_file_path".into(), path.into());
+            self.depths.extend(samples::samples(frame.view, frame.lens).map(|(_, sample)| sample.depth));
+        }
+        self.frames.push((*frame.lens, entry));
+        Ok(0)
+    }
+
+    pub(super) fn finish(&self, folder: &Path) -> Result<()> {
+        let mut file = Map::new();
+        let common = self.frames[0].0;
+        let one_lens = self.frames.iter().all(|(lens, _)| *lens == common);
+        if one_lens {
+            file.extend(lens_keys(&common));
+        }
+        if !self.depths.is_empty() {
+            // EXR files hold scene units.
+            file.insert("depth_unit_scale_factor".into(), 1.0.into());
+            file.insert("scene_depth_percentiles".into(), percentiles(&self.depths));
+        }
+        let frame = |(lens, entry): &(Lens, Map<String, Value>)| {
+            let mut entry = entry.clone();
+            if !one_lens {
+                entry.extend(lens_keys(lens));
+            }
+            Value::Object(entry)
+        };
+        file.insert("frames".into(), self.frames.iter().map(frame).collect());
+        let text = serde_json::to_vec_pretty(&file).expect("a map with text keys is JSON");
+        write_file(&folder.join("transforms.json"), &text)
+    }
+}
+
+fn lens_keys(lens: &Lens) -> Map<String, Value> {
+    let Lens { intrinsics: i, distortion: d } = lens;
+    let Value::Object(mut keys) = json!({
+        "camera_model": if d.is_zero() { "PINHOLE" } else { "OPENCV" },
+        "w": i.width, "h": i.height, "fl_x": i.fx, "fl_y": i.fy, "cx": i.cx, "cy": i.cy,
+    }) else {
+        unreachable!("an object was written down")
+    };
+    if !d.is_zero() {
+        for (key, value) in [("k1", d.k1), ("k2", d.k2), ("k3", d.k3), ("p1", d.p1), ("p2", d.p2)] {
+            keys.insert(key.into(), value.into());
+        }
+    }
+    keys
+}
+
+/// Depths below which 0.5, 2, 50, 98 and 99.5 % of the samples lie.
+fn percentiles(depths: &[f64]) -> Value {
+    let mut sorted = depths.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = |percent: f64| sorted[((sorted.len() - 1) as f64 * 0.01 * percent).round() as usize];
+    json!({ "0.5": at(0.5), "2": at(2.0), "50": at(50.0), "98": at(98.0), "99.5": at(99.5) })
+}
