@@ -1,9 +1,9 @@
 //! The evaluation index: which views of a scene are given and which are held out.
 
-use crate::{Dataset, Error, IndexRule, Result};
+use crate::{Dataset, Error, IndexRule, Result, WriteRule};
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
@@ -104,6 +104,19 @@ pub fn read_index(path: &Path) -> Result<EvaluationIndex> {
         index.windows.push(Window { key, scene, context, target });
     }
     Ok(index)
+}
+
+/// Writes windows in the layout that [`read_index`] reads.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_index(path: &Path, windows: &[Window]) -> Result<()> {
+    let entry =
+        |window: &Window| (window.key.clone(), json!({ "context": window.context, "target": window.target }));
+    let entries: serde_json::Map<String, Value> = windows.iter().map(entry).collect();
+    let text = serde_json::to_vec_pretty(&entries).expect("lists of numbers are JSON");
+    gs_scene::write_atomically(path, |out| out.write_all(&text))
+        .map_err(|source| Error::Write { path: path.to_path_buf(), rule: WriteRule::File(source) })
 }
 
 fn positions(entry: &Value, list: &'static str) -> std::result::Result<Vec<usize>, IndexRule> {

@@ -62,6 +62,11 @@ impl Overlaps {
     }
 }
 
+/// Share of a view's content that a viewer sees, 0..1. `depth` has been checked.
+pub(crate) fn shared(viewed: &Camera, viewer: &Camera, depth: SceneDepth) -> f64 {
+    f64::from(Content::new(viewed, depth).seen_by(viewer)) / POINTS as f64
+}
+
 /// Pixels at which a view's content is sampled.
 const RAYS: usize = GRID * GRID;
 

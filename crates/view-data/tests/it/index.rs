@@ -44,6 +44,19 @@ fn windows_are_sorted_and_null_entries_dropped() {
 }
 
 #[test]
+fn what_is_written_is_read() {
+    let text = format!(r#"{{"fox/10": {ENTRY}, "fox/2": {ENTRY}, "b": {ENTRY}}}"#);
+    let windows = read(&text).unwrap().windows;
+    let folder = Folder::new();
+    let path = folder.path("written/index.json");
+    view_data::write_index(&path, &windows).unwrap();
+    assert_eq!(read_index(&path).unwrap().windows, windows);
+    assert!(
+        chain(&view_data::write_index(&folder.path(""), &windows).unwrap_err()).contains("cannot be written")
+    );
+}
+
+#[test]
 fn broken_files_name_the_entry() {
     check_error("", "not valid JSON");
     check_error("[1]", "expected an object");

@@ -1,0 +1,129 @@
+//! Windows for a data set without an evaluation index: stretches of its path, context and held-out views in turn.
+
+use crate::overlap::shared;
+use crate::{Dropped, Error, Result, SceneDepth, Window};
+use gs_scene::Camera;
+
+/// A context view is followed by the last frame that still shares this much of its content with it, 0..1.
+const SHARED: f64 = 0.7;
+/// Where the camera moves so fast that not even the next but one shares that much, this must do.
+const LEAST_SHARED: f64 = 0.5;
+
+/// Windows that begin at `count` places, evenly along the list of frames.
+///
+/// From its beginning a window walks along the list. The next context view is the last frame of a run of frames that share at
+/// least 70 % of their content with the context view before it (in the sense of [`select_views`](crate::select_views), the
+/// lower of the two directions), two frames on at least, so that a frame lies between; half-way between two context views lies
+/// a target. A window ends at `context` views; it needs two, and one that finds fewer than `context` is listed as dropped.
+/// Keys are `scene/0`, `scene/1`, ...
+///
+/// # Errors
+/// If `context` is below 2, or the depths are not `0 < near <= median <= far`.
+pub fn windows_along(
+    scene: &str,
+    cameras: &[Camera],
+    context: usize,
+    count: usize,
+    depth: SceneDepth,
+) -> Result<(Vec<Window>, Vec<Dropped>)> {
+    if context < 2 {
+        return Err(Error::NoViews);
+    }
+    depth.check()?;
+    let (mut windows, mut dropped): (Vec<Window>, _) = (Vec::new(), Vec::new());
+    // Windows that begin at one frame would be one.
+    let count = count.min(cameras.len());
+    for number in 0..count {
+        let chosen = walk(cameras, number * cameras.len() / count, context, depth);
+        let key = format!("{scene}/{number}");
+        if chosen.len() < context {
+            let (first, found) = (chosen[0], chosen.len());
+            let reason = format!(
+                "from frame {first} on the views overlap for {found} context views only, expected {context}"
+            );
+            dropped.push(Dropped { key, reason });
+            continue;
+        }
+        let target = chosen.windows(2).map(|pair| pair[0].midpoint(pair[1])).collect();
+        windows.push(Window { key, scene: scene.to_owned(), context: chosen, target });
+    }
+    Ok((windows, dropped))
+}
+
+/// Context views from a frame on, `most` of them unless they lose sight of each other before.
+fn walk(cameras: &[Camera], start: usize, most: usize, depth: SceneDepth) -> Vec<usize> {
+    let mut chosen = vec![start];
+    while chosen.len() < most {
+        let last = chosen[chosen.len() - 1];
+        let share = |next: usize| {
+            cameras.get(next).map_or(0.0, |next| {
+                let last = &cameras[last];
+                shared(last, next, depth).min(shared(next, last, depth))
+            })
+        };
+        let run = (last + 1..cameras.len()).take_while(|next| share(*next) >= SHARED).count();
+        let next = if run >= 2 { last + run } else { last + 2 };
+        if share(next) < LEAST_SHARED {
+            break;
+        }
+        chosen.push(next);
+    }
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use gs_scene::Intrinsics;
+
+    fn walk_along(step: f64, count: usize) -> Vec<Camera> {
+        let lens = Intrinsics { fx: 100.0, fy: 100.0, cx: 80.0, cy: 60.0, width: 160, height: 120 };
+        (0..count)
+            .map(|i| {
+                let x = i as f64 * step;
+                Camera::looking_at(lens, DVec3::new(x, 0.0, 0.0), DVec3::new(x, 4.0, 0.0), DVec3::Z).unwrap()
+            })
+            .collect()
+    }
+
+    const DEPTH: SceneDepth = SceneDepth { near: 3.0, median: 4.0, far: 6.0 };
+
+    #[test]
+    fn context_and_targets_take_turns_and_overlap() {
+        let cameras = walk_along(0.05, 1000);
+        let (windows, dropped) = windows_along("hall", &cameras, 6, 4, DEPTH).unwrap();
+        assert_eq!((windows.len(), dropped.len()), (4, 0));
+        for (number, window) in windows.iter().enumerate() {
+            assert_eq!((window.key.as_str(), window.context[0]), (&*format!("hall/{number}"), number * 250));
+            assert_eq!((window.context.len(), window.target.len()), (6, 5));
+            for (pair, &target) in window.context.windows(2).zip(&window.target) {
+                assert!(pair[0] < target && target < pair[1]);
+                let [a, b] = [pair[0], pair[1]].map(|i| &cameras[i]);
+                assert!(shared(a, b, DEPTH) >= SHARED && shared(a, &cameras[pair[1] + 1], DEPTH) < SHARED);
+            }
+        }
+    }
+
+    #[test]
+    fn fast_cameras_and_ends_of_the_path() {
+        // Steps of half a picture: neighbours share too little.
+        let (windows, dropped) = windows_along("run", &walk_along(3.2, 40), 6, 2, DEPTH).unwrap();
+        assert!(windows.is_empty());
+        assert_eq!(
+            dropped[0].reason,
+            "from frame 0 on the views overlap for 1 context views only, expected 6"
+        );
+        // The frame between is kept although only the next one shares 70 %.
+        let (windows, _) = windows_along("jog", &walk_along(0.8, 40), 3, 1, DEPTH).unwrap();
+        assert_eq!(
+            (windows[0].context.as_slice(), windows[0].target.as_slice()),
+            (&[0, 2, 4][..], &[1, 3][..])
+        );
+        for (count, cameras) in [(3, 0), (0, 5), (9, 1)] {
+            let (windows, _) = windows_along("few", &walk_along(0.1, cameras), 2, count, DEPTH).unwrap();
+            assert!(windows.is_empty());
+        }
+        assert!(windows_along("one", &walk_along(0.1, 9), 1, 1, DEPTH).is_err());
+    }
+}
