@@ -114,8 +114,8 @@ pub fn write_index(path: &Path, windows: &[Window]) -> Result<()> {
     let entry =
         |window: &Window| (window.key.clone(), json!({ "context": window.context, "target": window.target }));
     let entries: serde_json::Map<String, Value> = windows.iter().map(entry).collect();
-    let text = serde_json::to_vec_pretty(&entries).expect("lists of numbers are JSON");
-    gs_scene::write_atomically(path, |out| out.write_all(&text))
+    let text = format!("{:#}", Value::Object(entries));
+    gs_scene::write_atomically(path, |out| out.write_all(text.as_bytes()))
         .map_err(|source| Error::Write { path: path.to_path_buf(), rule: WriteRule::File(source) })
 }
 

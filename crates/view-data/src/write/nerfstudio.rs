@@ -55,8 +55,8 @@ impl Transforms {
             Value::Object(entry)
         };
         file.insert("frames".into(), self.frames.iter().map(frame).collect());
-        let text = serde_json::to_vec_pretty(&file).expect("a map with text keys is JSON");
-        write_file(&folder.join("transforms.json"), &text)
+        let text = format!("{:#}", Value::Object(file));
+        write_file(&folder.join("transforms.json"), text.as_bytes())
     }
 }
 

@@ -56,8 +56,8 @@ impl Trajectory {
     pub(super) fn finish(&self, folder: &Path, target: &Path) -> Result<()> {
         write_file(&folder.join("traj.txt"), self.lines.as_bytes())?;
         let lens = self.lens.as_ref().expect("a data set without frames is not finished");
-        let text = serde_json::to_vec_pretty(&camera_json(lens)).expect("numbers are JSON");
-        write_file(&camera_file(target), &text)
+        let text = format!("{:#}", camera_json(lens));
+        write_file(&camera_file(target), text.as_bytes())
     }
 }
 
