@@ -67,16 +67,29 @@ impl Plan {
     /// If the folder cannot be read, or has not that many connected views.
     pub fn selection(input: &Path, views: usize, reading: Reading) -> Result<Self> {
         let dataset = Arc::new(open_nerfstudio(input)?);
-        let cameras = dataset.cameras()?;
+        // Frames whose pictures are missing keep their positions, but none of them is chosen.
+        let present = dataset.present();
+        if let Some(frame) =
+            dataset.frames.iter().find(|frame| frame.image.is_missing() && views > present.len())
+        {
+            let (path, frame) = (frame.image.path().to_path_buf(), frame.name.clone());
+            return Err(view_data::Error::MissingPicture { path, frame }.into());
+        }
+        let cameras: Vec<_> =
+            present.iter().map(|&position| dataset.camera(position)).collect::<view_data::Result<_>>()?;
         let stated = dataset.depth_percentiles.filter(|_| reading.depth_hint).map(SceneDepth::from);
         let choice = match stated.or_else(|| estimate_scene_depth(&cameras)) {
             Some(depth) => {
                 let selection = select_views(&cameras, views, depth)?;
                 let uncovered = Some(selection.uncovered);
-                Choice { context: selection.context, targets: selection.targets, uncovered }
+                let positions = |chosen: Vec<usize>| chosen.into_iter().map(|i| present[i]).collect();
+                let (context, targets) = (positions(selection.context), positions(selection.targets));
+                Choice { context, targets, uncovered }
             }
             // A single view needs no depth to be selected by.
-            None if views == 1 => Choice { context: vec![0], targets: Vec::new(), uncovered: None },
+            None if views == 1 && !present.is_empty() => {
+                Choice { context: vec![present[0]], targets: Vec::new(), uncovered: None }
+            }
             None => return Err(Error::OnePlace { path: dataset.file.clone(), frames: cameras.len(), views }),
         };
         Self::photographs(format!("{}/selection", dataset.name), dataset, choice, reading)

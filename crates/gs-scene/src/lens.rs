@@ -1,4 +1,4 @@
-//! The lens: a pinhole with OpenCV's radial and tangential distortion.
+//! The lens: a pinhole, and where a real lens puts what the pinhole would see.
 
 use crate::Intrinsics;
 use glam::{DMat2, DVec2};
@@ -57,26 +57,72 @@ fn is_positive_definite(jacobian: &DMat2) -> bool {
     jacobian.determinant() > 0.0 && jacobian.x_axis.x > 0.0
 }
 
+/// How a lens departs from a pinhole.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub enum LensModel {
+    /// OpenCV's radial and tangential distortion; a pinhole if all coefficients are 0.
+    RadialTangential(Distortion),
+}
+
+impl Default for LensModel {
+    fn default() -> Self {
+        Self::PINHOLE
+    }
+}
+
+impl From<Distortion> for LensModel {
+    fn from(distortion: Distortion) -> Self {
+        Self::RadialTangential(distortion)
+    }
+}
+
+impl LensModel {
+    /// No distortion.
+    pub const PINHOLE: Self =
+        Self::RadialTangential(Distortion { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 });
+
+    /// Whether the model is a pinhole.
+    #[must_use]
+    pub fn is_pinhole(&self) -> bool {
+        *self == Self::PINHOLE
+    }
+
+    /// The coefficients, if the model is OpenCV's radial and tangential one.
+    #[must_use]
+    pub fn radial_tangential(&self) -> Option<&Distortion> {
+        match self {
+            Self::RadialTangential(distortion) => Some(distortion),
+        }
+    }
+
+    fn apply(&self, direction: DVec2) -> (DVec2, DMat2) {
+        match self {
+            Self::RadialTangential(distortion) => distortion.apply(direction),
+        }
+    }
+}
+
 /// Intrinsics in pixels of a stated picture size, with lens distortion.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Lens {
     /// Focal lengths, principal point and picture size, pixels.
     pub intrinsics: Intrinsics,
-    /// Distortion coefficients.
-    pub distortion: Distortion,
+    /// How the lens departs from that pinhole.
+    pub model: LensModel,
 }
 
 impl Lens {
     /// The pixel position at which the direction (X/Z, Y/Z) is seen.
     #[must_use]
     pub fn distort(&self, direction: DVec2) -> DVec2 {
-        self.to_pixel(self.distortion.apply(direction).0)
+        self.to_pixel(self.model.apply(direction).0)
     }
 
     /// As [`Lens::distort`], but `None` where the distortion is not one-to-one.
     #[must_use]
     pub fn distort_one_to_one(&self, direction: DVec2) -> Option<DVec2> {
-        let (distorted, jacobian) = self.distortion.apply(direction);
+        let (distorted, jacobian) = self.model.apply(direction);
         is_positive_definite(&jacobian).then(|| self.to_pixel(distorted))
     }
 
@@ -88,11 +134,11 @@ impl Lens {
             return None;
         }
         let mut direction = seen;
-        let (mut distorted, mut jacobian) = self.distortion.apply(direction);
+        let (mut distorted, mut jacobian) = self.model.apply(direction);
         if !is_positive_definite(&jacobian) {
             // The seen direction lies beyond a fold; the centre of the picture never does.
             direction = DVec2::ZERO;
-            (distorted, jacobian) = self.distortion.apply(direction);
+            (distorted, jacobian) = self.model.apply(direction);
         }
         for _ in 0..MAX_NEWTON_STEPS {
             let residual = seen - distorted;
@@ -103,7 +149,7 @@ impl Lens {
             // A step over a fold, or one that leads away, is shortened.
             let (next, next_distorted, next_jacobian) = (0..MAX_HALVINGS).find_map(|_| {
                 let next = direction + step;
-                let (next_distorted, next_jacobian) = self.distortion.apply(next);
+                let (next_distorted, next_jacobian) = self.model.apply(next);
                 let nearer = (seen - next_distorted).length() < residual.length();
                 step *= 0.5;
                 (nearer && is_positive_definite(&next_jacobian)).then_some((

@@ -18,7 +18,7 @@ pub use gaussians::{
     sh_coefficients, sigmoid,
 };
 pub use image::Image;
-pub use lens::{Distortion, Lens, MAX_ASPECT_DEVIATION};
+pub use lens::{Distortion, Lens, LensModel, MAX_ASPECT_DEVIATION};
 pub use maps::{DepthMap, FeatureMap};
 pub use ply::{read_ply, write_ply};
 pub use view::View;

@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             i.fy,
             i.cx,
             i.cy,
-            if lens.distortion.is_zero() { "no distortion" } else { "distorted" },
+            if lens.model.is_pinhole() { "no distortion" } else { "distorted" },
             if depth.is_some() { "with depth" } else { "no depth" },
             cameras[position].position(),
         );

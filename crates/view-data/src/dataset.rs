@@ -1,9 +1,10 @@
 //! A data set as every reader delivers it: where the files are, and how they were taken.
 
+use crate::points::PointSource;
 use crate::{Error, Lens, Result, TransformsRule};
 use glam::{DAffine3, DMat3, DVec3};
-use gs_scene::Camera;
-use std::path::PathBuf;
+use gs_scene::{Camera, Intrinsics};
+use std::path::{Path, PathBuf};
 
 /// The frames of a data set and where their files are; the pictures themselves are read by
 /// [`Dataset::load_views`].
@@ -15,8 +16,14 @@ pub struct Dataset {
     pub file: PathBuf,
     /// The folder that holds it.
     pub root: PathBuf,
-    /// The frames in the file's order: an evaluation index counts positions in it.
+    /// The layout that it was read from.
+    pub format: Format,
+    /// The frames in the order of capture as the layout defines it (see the table in the crate's description): an
+    /// evaluation index counts positions in it. A frame whose picture is not there keeps its position.
     pub frames: Vec<Frame>,
+    /// What the files list and the data set does not use, and why: frames without a picture or a pose, pictures
+    /// without a frame, files that are passed over.
+    pub dropped: Vec<Dropped>,
     /// Depths of the scene as the file states them (key `scene_depth_percentiles`).
     pub depth_percentiles: Option<DepthPercentiles>,
     /// The transform from the original (COLMAP) world to the world of the poses, where the file records one
@@ -24,6 +31,133 @@ pub struct Dataset {
     pub applied_transform: Option<DAffine3>,
     /// The scale that the poses contain beside it (`applied_scale`).
     pub applied_scale: Option<f64>,
+    /// Where the points of the scene are, if the layout has some; [`Dataset::points`] reads them.
+    pub(crate) points: Option<PointSource>,
+}
+
+/// A layout of files that is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format {
+    /// `transforms.json` of nerfstudio, instant-ngp or Blender exports.
+    Nerfstudio,
+    /// A sparse model of COLMAP, text or binary.
+    Colmap,
+    /// Replica as rendered for NICE-SLAM: `traj.txt` and `results/`.
+    Replica,
+    /// TUM RGB-D: `rgb.txt`, `depth.txt`, `groundtruth.txt`.
+    Tum,
+    /// ScanNet as exported frame by frame: `color/`, `depth/`, `pose/`, `intrinsic/`.
+    ScanNet,
+    /// pixelSplat's `.torch` chunks.
+    Chunk,
+    /// The folders of DL3DV.
+    Dl3dv,
+    /// RealEstate10K's camera text with extracted frames.
+    Re10k,
+}
+
+impl Format {
+    /// Every format, in the order in which [`open`](crate::open) tries them.
+    pub const ALL: [Self; 8] = [
+        Self::Nerfstudio,
+        Self::Colmap,
+        Self::Replica,
+        Self::Tum,
+        Self::ScanNet,
+        Self::Chunk,
+        Self::Dl3dv,
+        Self::Re10k,
+    ];
+
+    /// The name that a user types.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nerfstudio => "nerfstudio",
+            Self::Colmap => "colmap",
+            Self::Replica => "replica",
+            Self::Tum => "tum",
+            Self::ScanNet => "scannet",
+            Self::Chunk => "chunk",
+            Self::Dl3dv => "dl3dv",
+            Self::Re10k => "re10k",
+        }
+    }
+}
+
+impl std::fmt::Display for Format {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter) -> std::fmt::Result {
+        formatter.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Format {
+    type Err = Error;
+    fn from_str(name: &str) -> Result<Self> {
+        let known = Self::ALL.into_iter().find(|format| format.name() == name);
+        known.ok_or_else(|| Error::UnknownFormat { found: name.to_owned() })
+    }
+}
+
+/// Something that a file lists and that is not used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Dropped {
+    /// What it is: name of the frame, key of the entry, or the file.
+    pub key: String,
+    /// Why, in words.
+    pub reason: String,
+}
+
+impl Dropped {
+    pub(crate) fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
+        Self { key: key.into(), reason: reason.into() }
+    }
+}
+
+/// Where the encoded picture (PNG or JPEG) of a frame lies.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ImageSource {
+    /// A file of its own.
+    File(PathBuf),
+    /// A range of bytes of a file that holds several pictures; read when the picture is.
+    Encoded {
+        /// The file.
+        path: PathBuf,
+        /// Where the picture begins, bytes.
+        offset: u64,
+        /// How long it is, bytes.
+        length: u64,
+    },
+    /// The frame is listed, but its picture is not there. Loading it is an error.
+    Missing(PathBuf),
+}
+
+impl ImageSource {
+    /// The file, or where it was looked for.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::File(path) | Self::Encoded { path, .. } | Self::Missing(path) => path,
+        }
+    }
+
+    /// Whether the picture was not there when the data set was opened.
+    #[must_use]
+    pub fn is_missing(&self) -> bool {
+        matches!(self, Self::Missing(_))
+    }
+}
+
+/// The file, and for one of several pictures in it the first byte.
+impl std::fmt::Display for ImageSource {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Self::File(path) | Self::Missing(path) => path.display().fmt(formatter),
+            Self::Encoded { path, offset, .. } => write!(formatter, "{} at byte {offset}", path.display()),
+        }
+    }
 }
 
 /// One posed photograph of a data set, not yet read.
@@ -31,8 +165,10 @@ pub struct Dataset {
 pub struct Frame {
     /// Stem of the picture's file name; where two frames share it, the whole relative path with `_` for `/`.
     pub name: String,
+    /// When it was taken, seconds on the data set's own clock, where that is known.
+    pub time: Option<f64>,
     /// The picture, PNG or JPEG.
-    pub image_path: PathBuf,
+    pub image: ImageSource,
     /// Measured z-depth, where there is one.
     pub depth: Option<DepthFile>,
     /// A mask, where there is one (black = ignore). It is recorded, not applied.
@@ -45,13 +181,27 @@ pub struct Frame {
     pub position: DVec3,
 }
 
-/// A file of measured z-depth: 16-bit greyscale PNG, 0 = no measurement.
+/// A file of measured z-depth: 16-bit greyscale PNG, or EXR with 16- or 32-bit floats. 0, and in EXR what is not
+/// finite or below 0, is no measurement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthFile {
     /// The file.
     pub path: PathBuf,
-    /// Scene units per count.
+    /// Scene units per count of the file.
     pub unit: f64,
+    /// Greatest count that is a measurement; a sensor's "too far" may lie above it.
+    pub max_count: f64,
+    /// The pinhole of the depth picture, where it is stated apart: same place and axes as the frame, its own pixels.
+    /// Without, depth covers what the frame's picture covers.
+    pub intrinsics: Option<Intrinsics>,
+}
+
+impl DepthFile {
+    /// Depth that covers what its picture covers, every count above 0 a measurement.
+    #[must_use]
+    pub fn new(path: PathBuf, unit: f64) -> Self {
+        Self { path, unit, max_count: f64::INFINITY, intrinsics: None }
+    }
 }
 
 /// Camera depths of the scene's points, scene units.
@@ -86,10 +236,22 @@ impl Dataset {
     /// # Errors
     /// If the numbers of a frame make no camera.
     pub fn cameras(&self) -> Result<Vec<Camera>> {
-        let camera = |frame: &Frame| {
-            frame.camera().map_err(|source| Error::View { frame: frame.name.clone(), source })
-        };
-        self.frames.iter().map(camera).collect()
+        (0..self.frames.len()).map(|position| self.camera(position)).collect()
+    }
+
+    /// [`Frame::camera`] of the frame at a position.
+    ///
+    /// # Errors
+    /// If there is none, or its numbers make no camera.
+    pub fn camera(&self, position: usize) -> Result<Camera> {
+        let frame = self.frame(position)?;
+        frame.camera().map_err(|source| Error::View { frame: frame.name.clone(), source })
+    }
+
+    /// Positions of the frames whose pictures are there, increasing.
+    #[must_use]
+    pub fn present(&self) -> Vec<usize> {
+        (0..self.frames.len()).filter(|&position| !self.frames[position].image.is_missing()).collect()
     }
 
     /// The frame at a position.

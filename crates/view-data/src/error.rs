@@ -1,3 +1,4 @@
+use crate::{Dropped, ImageSource};
 use std::path::PathBuf;
 
 /// What can be wrong with a data set, its files, an evaluation index or a selection of views.
@@ -21,6 +22,33 @@ pub enum Error {
         /// The system's reason.
         #[source]
         source: std::io::Error,
+    },
+    /// No layout of files that is read lies there.
+    #[error("{}: no data set found; looked for {}", path.display(), looked_for.join("; "))]
+    NoLayout {
+        /// The file or folder.
+        path: PathBuf,
+        /// Each format and the files by which it is recognised.
+        looked_for: Vec<String>,
+    },
+    /// Several scenes, or none that can be read, where one is asked for.
+    #[error("{}: expected one scene, found {}", path.display(), scenes(names, dropped))]
+    NotOneScene {
+        /// The file or folder.
+        path: PathBuf,
+        /// The scenes.
+        names: Vec<String>,
+        /// Scenes that cannot be read, and why.
+        dropped: Vec<Dropped>,
+    },
+    /// A format that is not known.
+    #[error(
+        "format {found:?} is not known, expected one of {}",
+        crate::Format::ALL.map(crate::Format::name).join(", ")
+    )]
+    UnknownFormat {
+        /// The name.
+        found: String,
     },
     /// A file is not JSON, or ends too early.
     #[error("{}: not valid JSON", path.display())]
@@ -63,19 +91,34 @@ pub enum Error {
         frame: String,
     },
     /// A picture cannot be decoded.
-    #[error("{}: picture cannot be decoded, expected a complete PNG or JPEG file", path.display())]
+    #[error("{image}: picture cannot be decoded, expected a complete PNG or JPEG file")]
     Picture {
-        /// The file.
-        path: PathBuf,
+        /// The file, or the part of one.
+        image: ImageSource,
         /// The decoder's reason.
         #[source]
         source: image::ImageError,
     },
     /// A JPEG file without its end marker; a decoder would fill the rest with grey.
-    #[error("{}: JPEG file is truncated (it has no end-of-image marker)", path.display())]
+    #[error("{image}: JPEG file is truncated (it has no end-of-image marker)")]
     TruncatedJpeg {
+        /// The file, or the part of one.
+        image: ImageSource,
+    },
+    /// A picture that lies partly beyond the end of the file that should hold it.
+    #[error(
+        "{}: a picture of {length} bytes is to begin at byte {offset}, but the file has only {held} bytes",
+        path.display()
+    )]
+    OutsideFile {
         /// The file.
         path: PathBuf,
+        /// Where the picture should begin, bytes.
+        offset: u64,
+        /// Its length, bytes.
+        length: u64,
+        /// Length of the file, bytes.
+        held: u64,
     },
     /// A picture, stored or asked for, with more pixels than a view may have.
     #[error("{what} is {width}x{height}, expected at least one and at most {max_pixels} pixels")]
@@ -207,6 +250,23 @@ pub enum Error {
         /// Farthest depth.
         far: f64,
     },
+}
+
+/// A handful of names; a chunk may hold hundreds.
+fn scenes(names: &[String], dropped: &[Dropped]) -> String {
+    const SHOWN: usize = 8;
+    let mut text = format!("{}", names.len());
+    for (i, name) in names.iter().take(SHOWN).enumerate() {
+        text += if i == 0 { ": " } else { ", " };
+        text += name;
+    }
+    if names.len() > SHOWN {
+        text += ", ...";
+    }
+    if let Some(first) = dropped.first() {
+        text += &format!("; {} cannot be read, the first is {}: {}", dropped.len(), first.key, first.reason);
+    }
+    text
 }
 
 fn place(frame: Option<&str>) -> String {

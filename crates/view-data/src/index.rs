@@ -1,6 +1,6 @@
 //! The evaluation index: which views of a scene are given and which are held out.
 
-use crate::{Dataset, Error, IndexRule, Result, WriteRule};
+use crate::{Dataset, Dropped, Error, IndexRule, Result, WriteRule};
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};
@@ -31,15 +31,6 @@ pub struct Window {
     pub context: Vec<usize>,
     /// Positions of the views that are compared; what is not in `context` is held out.
     pub target: Vec<usize>,
-}
-
-/// An entry that is not evaluated.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Dropped {
-    /// The key.
-    pub key: String,
-    /// Why, in words.
-    pub reason: String,
 }
 
 impl Window {
@@ -95,7 +86,7 @@ pub fn read_index(path: &Path) -> Result<EvaluationIndex> {
     let mut index = EvaluationIndex { path: path.to_path_buf(), windows: Vec::new(), dropped: Vec::new() };
     for (key, value) in entries {
         if value.is_null() {
-            index.dropped.push(Dropped { key, reason: "the index has no window for it (null)".to_owned() });
+            index.dropped.push(Dropped::new(key, "the index has no window for it (null)"));
             continue;
         }
         let list = |list| positions(&value, list).map_err(|rule| broken(&key, rule));

@@ -3,7 +3,10 @@
 mod error;
 
 mod dataset;
+mod points;
+
 mod nerfstudio;
+mod open;
 
 mod load;
 mod picture;
@@ -18,11 +21,13 @@ mod windows;
 
 mod write;
 
-pub use dataset::{Dataset, DepthFile, DepthPercentiles, Frame};
+pub use dataset::{Dataset, DepthFile, DepthPercentiles, Dropped, Format, Frame, ImageSource};
 pub use error::{Error, IndexRule, Result, TransformsRule};
-pub use gs_scene::{Distortion, Lens};
-pub use index::{Dropped, EvaluationIndex, Window, read_index, write_index};
+pub use gs_scene::{Distortion, Lens, LensModel};
+pub use index::{EvaluationIndex, Window, read_index, write_index};
 pub use nerfstudio::open_nerfstudio;
+pub use open::{Scenes, open, open_all};
+pub use points::{Observation, ScenePoint};
 pub use scene_depth::{SceneDepth, estimate_scene_depth};
 pub use select::{Selection, select_views};
 pub use windows::windows_along;

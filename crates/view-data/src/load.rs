@@ -53,21 +53,21 @@ impl Dataset {
 
 fn load(frame: &Frame, size: Option<(usize, usize)>) -> Result<View> {
     let invalid = |source| Error::View { frame: frame.name.clone(), source };
-    let image = read_image(&frame.image_path, &frame.name)?;
+    let image = read_image(&frame.image, &frame.name)?;
     let (file_width, file_height) = (image.width(), image.height());
     let Intrinsics { width: stated_width, height: stated_height, .. } = frame.lens.intrinsics;
     let lens = frame.lens.at_size(file_width, file_height).ok_or_else(|| Error::Aspect {
-        path: frame.image_path.clone(),
+        path: frame.image.path().to_path_buf(),
         width: file_width,
         height: file_height,
         stated_width,
         stated_height,
     })?;
-    let undistortion = Undistortion::new(lens, &frame.image_path)?;
-    let image = undistortion.apply(image, &frame.image_path)?;
+    let undistortion = Undistortion::new(lens, frame.image.path())?;
+    let image = undistortion.apply(image, frame.image.path())?;
     let fit = Fit::new(undistortion.intrinsics(), size);
     // A strip that is to cover a target of another shape grows without bound.
-    check_pixels(&format!("{} resized", frame.image_path.display()), fit.resized.0, fit.resized.1)?;
+    check_pixels(&format!("{} resized", frame.image), fit.resized.0, fit.resized.1)?;
     let image = fit.apply(image).map_err(invalid)?;
     let depth = frame.depth.as_ref().map(|file| {
         let grid = DepthGrid { file, frame: &frame.name, picture: (file_width, file_height) };
@@ -149,14 +149,16 @@ impl DepthGrid<'_> {
                 stated_height: self.picture.1,
             });
         }
+        let scale = DVec2::new(sx, sy);
         let nearest = |v: f64, side: usize| (v.max(0.0) as usize).min(side - 1);
         let mut data = Vec::with_capacity(view.width * view.height);
         for y in 0..view.height {
             for x in 0..view.width {
-                let position = to_picture(DVec2::new(x as f64 + 0.5, y as f64 + 0.5));
+                let position = to_picture(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)) * scale;
                 let count =
-                    counts[nearest(position.y * sy, height) * width + nearest(position.x * sx, width)];
-                data.push((f64::from(count) * self.file.unit) as f32);
+                    f64::from(counts[nearest(position.y, height) * width + nearest(position.x, width)]);
+                let measured = count <= self.file.max_count;
+                data.push(if measured { (count * self.file.unit) as f32 } else { 0.0 });
             }
         }
         DepthMap::new(view.width, view.height, data)

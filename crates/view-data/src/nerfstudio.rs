@@ -6,7 +6,8 @@ mod pictures;
 
 use crate::dataset::nearest_rotation;
 use crate::{
-    Dataset, DepthFile, DepthPercentiles, Distortion, Error, Frame, Lens, Result, TransformsRule as Rule,
+    Dataset, DepthFile, DepthPercentiles, Distortion, Dropped, Error, Format, Frame, ImageSource, Lens,
+    Result, TransformsRule as Rule,
 };
 use glam::{DMat3, DVec3};
 use gs_scene::Intrinsics;
@@ -84,38 +85,48 @@ pub fn open_nerfstudio(path: &Path) -> Result<Dataset> {
             return Err(keys.broken(Rule::PartialKey { key }));
         }
         let frame = read_frame(keys, &shared, &mut pictures, unit)?;
-        if let Some(first) = position_of.insert(frame.image_path.clone(), position) {
+        if let Some(first) = position_of.insert(frame.image.path().to_path_buf(), position) {
             return Err(keys.broken(Rule::DuplicateFrame { first }));
         }
         read.push(frame);
     }
     name_frames(&mut read, &frames);
 
+    let dropped = read.iter().filter(|frame| frame.image.is_missing()).map(missing_picture).collect();
     Ok(Dataset {
         name: folder_name(&root),
         depth_percentiles: depth_percentiles(&shared)?,
         applied_transform: shared.matrix("applied_transform")?,
         applied_scale: shared.number("applied_scale")?,
+        format: Format::Nerfstudio,
+        dropped,
+        points: None,
         frames: read,
         file,
         root,
     })
 }
 
+/// The ledger's entry of a frame without picture.
+fn missing_picture(frame: &Frame) -> Dropped {
+    Dropped::new(frame.name.clone(), format!("picture missing: {}", frame.image))
+}
+
 fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: f64) -> Result<Frame> {
     let file_path = keys.text("file_path")?.filter(|path| !path.is_empty());
     let file_path = file_path.ok_or_else(|| keys.broken(Rule::MissingKey { key: "file_path" }))?;
-    let image_path =
+    let image =
         pictures.find(file_path).map_err(|folders| keys.broken(Rule::AmbiguousPicture { folders }))?;
-    let lens = read_lens(keys, shared, &image_path)?;
+    let lens = read_lens(keys, shared, &image)?;
     let matrix = keys.matrix("transform_matrix")?;
     let matrix = matrix.ok_or_else(|| keys.broken(Rule::MissingKey { key: "transform_matrix" }))?;
     let opengl = nearest_rotation(matrix.matrix3).map_err(|rule| keys.broken(rule))?;
     let frame = Frame {
         name: String::new(),
-        depth: keys.text("depth_file_path")?.map(|path| DepthFile { path: pictures.beside(path), unit }),
+        time: None,
+        depth: keys.text("depth_file_path")?.map(|path| DepthFile::new(pictures.beside(path), unit)),
         mask_path: keys.text("mask_path")?.map(|path| pictures.beside(path)),
-        image_path,
+        image,
         lens,
         axes: opengl * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
         position: matrix.translation,
@@ -124,7 +135,7 @@ fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: f64) ->
     Ok(frame)
 }
 
-fn read_lens(keys: &Keys, shared: &Keys, image_path: &Path) -> Result<Lens> {
+fn read_lens(keys: &Keys, shared: &Keys, image: &ImageSource) -> Result<Lens> {
     // A value of the frame overrides the file's; where it stands decides whom the error names.
     let source = |key| if keys.has(key) { keys } else { shared };
     let number = |key| source(key).number(key);
@@ -156,7 +167,7 @@ fn read_lens(keys: &Keys, shared: &Keys, image_path: &Path) -> Result<Lens> {
 
     let (width, height) = match (number("w")?, number("h")?) {
         (Some(w), Some(h)) => (source("w").side("w", w)?, source("h").side("h", h)?),
-        _ => crate::picture::size(image_path, keys.label())?,
+        _ => crate::picture::size(image, keys.label())?,
     };
     let from_angle = |key, side: usize| -> Result<Option<f64>> {
         let Some(angle) = number(key)? else { return Ok(None) };
@@ -177,7 +188,7 @@ fn read_lens(keys: &Keys, shared: &Keys, image_path: &Path) -> Result<Lens> {
         width,
         height,
     };
-    Ok(Lens { intrinsics, distortion })
+    Ok(Lens { intrinsics, model: distortion.into() })
 }
 
 fn depth_percentiles(shared: &Keys) -> Result<Option<DepthPercentiles>> {
@@ -194,7 +205,7 @@ fn depth_percentiles(shared: &Keys) -> Result<Option<DepthPercentiles>> {
 /// Names frames by the stem of their file, or by the whole path if a stem occurs twice.
 fn name_frames(frames: &mut [Frame], keys: &[Keys]) {
     let stem =
-        |frame: &Frame| frame.image_path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        |frame: &Frame| frame.image.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut count: HashMap<String, usize> = HashMap::new();
     for frame in &*frames {
         *count.entry(stem(frame)).or_default() += 1;

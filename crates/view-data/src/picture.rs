@@ -1,29 +1,65 @@
 //! Decoding: PNG and JPEG files to pictures and depth counts.
 
-use crate::{Error, Result};
+use crate::{Error, ImageSource, Result};
 use gs_scene::Image;
 use image::{DynamicImage, ImageError, ImageReader};
-use std::io::Cursor;
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// More pixels than any camera takes; 1.6 GB as f32 RGB.
 pub(crate) const MAX_PIXELS: usize = 1 << 27;
 
 /// The picture's width and height, from its header.
-pub(crate) fn size(path: &Path, frame: &str) -> Result<(usize, usize)> {
-    let file = std::fs::File::open(path).map_err(|source| unreadable(path, frame, source))?;
-    let reader = ImageReader::new(std::io::BufReader::new(file)).with_guessed_format();
-    let (width, height) = reader
-        .map_err(ImageError::IoError)
-        .and_then(ImageReader::into_dimensions)
-        .map_err(|source| Error::Picture { path: path.to_path_buf(), source })?;
+pub(crate) fn size(image: &ImageSource, frame: &str) -> Result<(usize, usize)> {
+    let damaged = |source| Error::Picture { image: image.clone(), source };
+    let dimensions = match image {
+        ImageSource::Encoded { .. } => {
+            let bytes = read_bytes(image, frame)?;
+            let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
+            reader.map_err(ImageError::IoError).and_then(ImageReader::into_dimensions)
+        }
+        ImageSource::File(path) | ImageSource::Missing(path) => {
+            let file = File::open(path).map_err(|source| unreadable(path, frame, source))?;
+            let reader = ImageReader::new(BufReader::new(file)).with_guessed_format();
+            reader.map_err(ImageError::IoError).and_then(ImageReader::into_dimensions)
+        }
+    };
+    let (width, height) = dimensions.map_err(damaged)?;
     Ok((width as usize, height as usize))
+}
+
+/// The encoded bytes of a picture.
+fn read_bytes(image: &ImageSource, frame: &str) -> Result<Vec<u8>> {
+    match image {
+        ImageSource::File(path) | ImageSource::Missing(path) => {
+            std::fs::read(path).map_err(|source| unreadable(path, frame, source))
+        }
+        ImageSource::Encoded { path, offset, length } => {
+            let file = File::open(path).map_err(|source| unreadable(path, frame, source))?;
+            let read = |source| Error::Read { path: path.clone(), source };
+            let held = file.metadata().map_err(read)?.len();
+            if offset.checked_add(*length).is_none_or(|end| end > held) {
+                return Err(Error::OutsideFile {
+                    path: path.clone(),
+                    offset: *offset,
+                    length: *length,
+                    held,
+                });
+            }
+            let mut bytes = Vec::new();
+            let mut reader = BufReader::new(file);
+            reader.seek(SeekFrom::Start(*offset)).map_err(read)?;
+            reader.take(*length).read_to_end(&mut bytes).map_err(read)?;
+            Ok(bytes)
+        }
+    }
 }
 
 /// An RGB picture in 0..1. Greyscale is spread to three channels, 16 bits are divided by 65535, alpha is blended
 /// onto black.
-pub(crate) fn read_image(path: &Path, frame: &str) -> Result<Image> {
-    let decoded = decode(path, frame)?;
+pub(crate) fn read_image(image: &ImageSource, frame: &str) -> Result<Image> {
+    let decoded = decode(image, frame)?;
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     let has_alpha = decoded.color().has_alpha();
     let deep = decoded.color().bytes_per_pixel() / decoded.color().channel_count() > 1;
@@ -41,7 +77,7 @@ pub(crate) fn read_image(path: &Path, frame: &str) -> Result<Image> {
 
 /// Depth counts of a 16-bit greyscale PNG: width, height, `[height, width]`; 0 = no measurement.
 pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<(usize, usize, Vec<u16>)> {
-    match decode(path, frame)? {
+    match decode(&ImageSource::File(path.to_path_buf()), frame)? {
         DynamicImage::ImageLuma16(depth) => {
             Ok((depth.width() as usize, depth.height() as usize, depth.into_raw()))
         }
@@ -52,16 +88,16 @@ pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<(usize, usize, Vec<
     }
 }
 
-fn decode(path: &Path, frame: &str) -> Result<DynamicImage> {
-    let bytes = std::fs::read(path).map_err(|source| unreadable(path, frame, source))?;
+fn decode(image: &ImageSource, frame: &str) -> Result<DynamicImage> {
+    let bytes = read_bytes(image, frame)?;
     if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_has_end(&bytes) {
-        return Err(Error::TruncatedJpeg { path: path.to_path_buf() });
+        return Err(Error::TruncatedJpeg { image: image.clone() });
     }
-    let damaged = |source| Error::Picture { path: path.to_path_buf(), source };
+    let damaged = |source| Error::Picture { image: image.clone(), source };
     let reader = || ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
     let header =
         reader().map_err(ImageError::IoError).and_then(ImageReader::into_dimensions).map_err(damaged)?;
-    check_pixels(&path.display().to_string(), header.0 as usize, header.1 as usize)?;
+    check_pixels(&image.to_string(), header.0 as usize, header.1 as usize)?;
     reader().map_err(ImageError::IoError).and_then(ImageReader::decode).map_err(damaged)
 }
 

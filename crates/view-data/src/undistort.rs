@@ -25,7 +25,7 @@ impl Undistortion {
     pub(crate) fn new(lens: Lens, path: &Path) -> Result<Self> {
         let Intrinsics { width, height, .. } = lens.intrinsics;
         let whole = Self { lens, left: 0, top: 0, width, height };
-        if lens.distortion.is_zero() {
+        if lens.model.is_pinhole() {
             return Ok(whole);
         }
         let covered = |x: usize, y: usize| {
@@ -79,7 +79,7 @@ impl Undistortion {
     /// Position in the undistorted picture to position in the distorted one, pixels.
     pub(crate) fn source(&self, position: DVec2) -> DVec2 {
         let on_grid = position + DVec2::new(self.left as f64, self.top as f64);
-        if self.lens.distortion.is_zero() {
+        if self.lens.model.is_pinhole() {
             return on_grid;
         }
         self.lens.distort(self.lens.intrinsics.ray(on_grid).truncate())
@@ -87,7 +87,7 @@ impl Undistortion {
 
     /// The undistorted picture, sampled bicubically (Catmull-Rom) and clipped to 0..1.
     pub(crate) fn apply(&self, image: Image, path: &Path) -> Result<Image> {
-        if self.lens.distortion.is_zero() {
+        if self.lens.model.is_pinhole() {
             return Ok(image);
         }
         let samples = Samples::new(&image);

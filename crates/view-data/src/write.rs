@@ -109,6 +109,9 @@ impl DatasetWriter {
         if !plain || self.frames.iter().any(|other| other == name) {
             return Err(broken(&self.target, WriteRule::FrameName { name: name.to_owned() }));
         }
+        if lens.model.radial_tangential().is_none() {
+            return Err(broken(&self.target, WriteRule::LensModel { frame: name.to_owned() }));
+        }
         let frame = FrameToWrite {
             view,
             lens,

@@ -1,5 +1,6 @@
 //! Where a picture is when it is not where `file_path` says.
 
+use crate::ImageSource;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -24,16 +25,17 @@ impl<'a> Pictures<'a> {
     }
 
     /// The picture that `file_path` means: as it stands, with a picture's extension added, or by its name in the one
-    /// `images*` folder that has it (DL3DV names `images` and ships `images_4` or `images_8`). Where there is none,
-    /// the path as it stands: whoever reads it reports it missing.
+    /// `images*` folder that has it (DL3DV names `images` and ships `images_4` or `images_8`).
     ///
     /// The error lists the folders if several have it.
-    pub(super) fn find(&mut self, file_path: &str) -> Result<PathBuf, Vec<String>> {
+    pub(super) fn find(&mut self, file_path: &str) -> Result<ImageSource, Vec<String>> {
         let stated = self.beside(file_path);
         if let Some(path) = variants(&stated).find(|path| path.is_file()) {
-            return Ok(path);
+            return Ok(ImageSource::File(path));
         }
-        let Some(name) = stated.file_name().map(PathBuf::from) else { return Ok(stated) };
+        let Some(name) = stated.file_name().map(PathBuf::from) else {
+            return Ok(ImageSource::Missing(stated));
+        };
         let folders = self.folders.get_or_insert_with(|| images_folders(self.root));
         let found = folders.iter().filter_map(|(folder, names)| {
             let name = variants(&name).find(|name| names.contains(name.to_string_lossy().as_ref()))?;
@@ -41,8 +43,8 @@ impl<'a> Pictures<'a> {
         });
         let found: Vec<_> = found.collect();
         match found.as_slice() {
-            [] => Ok(stated),
-            [(folder, name)] => Ok(folder.join(name)),
+            [] => Ok(ImageSource::Missing(stated)),
+            [(folder, name)] => Ok(ImageSource::File(folder.join(name))),
             several => Err(several.iter().map(|(folder, _)| folder.display().to_string()).collect()),
         }
     }

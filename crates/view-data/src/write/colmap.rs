@@ -228,7 +228,7 @@ struct CameraModel {
 
 /// The simplest model that holds a lens, and its parameters.
 fn parameters(lens: &Lens) -> (CameraModel, Vec<f64>) {
-    let (i, d) = (&lens.intrinsics, &lens.distortion);
+    let (i, d) = (&lens.intrinsics, lens.model.radial_tangential().expect("other models were refused"));
     let mut values = vec![i.fx, i.fy, i.cx, i.cy];
     if d.is_zero() {
         return (CameraModel { number: 1, name: "PINHOLE" }, values);

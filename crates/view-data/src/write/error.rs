@@ -32,6 +32,12 @@ pub enum WriteRule {
     /// There are no frames.
     #[error("there are no frames, expected at least one")]
     Empty,
+    /// A lens other than a pinhole with radial and tangential distortion.
+    #[error("frame {frame} has a lens other than a pinhole with k1 k2 k3 p1 p2; undistort it first")]
+    LensModel {
+        /// The frame.
+        frame: String,
+    },
     /// The Replica layout has pinhole pictures only.
     #[error(
         "frame {frame} has lens distortion, which the Replica layout cannot say; take nerfstudio or colmap"

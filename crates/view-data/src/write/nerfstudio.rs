@@ -61,7 +61,7 @@ impl Transforms {
 }
 
 fn lens_keys(lens: &Lens) -> Map<String, Value> {
-    let Lens { intrinsics: i, distortion: d } = lens;
+    let (i, d) = (&lens.intrinsics, lens.model.radial_tangential().expect("other models were refused"));
     let Value::Object(mut keys) = json!({
         "camera_model": if d.is_zero() { "PINHOLE" } else { "OPENCV" },
         "w": i.width, "h": i.height, "fl_x": i.fx, "fl_y": i.fy, "cx": i.cx, "cy": i.cy,

@@ -21,7 +21,7 @@ pub(super) struct Trajectory {
 impl Trajectory {
     pub(super) fn add(&mut self, frame: &FrameToWrite<'_>) -> Result<u64> {
         let name = || frame.view.name().to_owned();
-        if !frame.lens.distortion.is_zero() {
+        if !frame.lens.model.is_pinhole() {
             return Err(broken(frame.target, WriteRule::Distorted { frame: name() }));
         }
         match &self.lens {

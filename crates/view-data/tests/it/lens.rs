@@ -3,12 +3,18 @@
 use glam::DVec2;
 use gs_scene::Intrinsics;
 use proptest::prelude::*;
-use view_data::{Distortion, Lens};
+use view_data::{Distortion, Lens, LensModel};
 
 /// A phone's lens at 540×960.
 const PHONE: Lens = Lens {
     intrinsics: Intrinsics { fx: 687.76, fy: 687.245, cx: 277.279, cy: 482.634, width: 540, height: 960 },
-    distortion: Distortion { k1: 0.0578421, k2: -0.0805099, k3: 0.0, p1: -0.000980296, p2: 0.00015575 },
+    model: LensModel::RadialTangential(Distortion {
+        k1: 0.0578421,
+        k2: -0.0805099,
+        k3: 0.0,
+        p1: -0.000980296,
+        p2: 0.00015575,
+    }),
 };
 
 /// Pixel and undistorted direction, from OpenCV's `undistortPoints` iterated until its round trip was below 1e-9 px.
@@ -50,7 +56,7 @@ fn directions_are_opencvs() {
 fn a_folding_lens_has_no_inverse_beyond_its_fold() {
     // x (1 - x²) turns back at x = 1/√3, where it is 0.385.
     let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 0.0, cy: 0.0, width: 100, height: 100 };
-    let lens = Lens { intrinsics, distortion: Distortion { k1: -1.0, ..Distortion::default() } };
+    let lens = Lens { intrinsics, model: Distortion { k1: -1.0, ..Distortion::default() }.into() };
     let inside = lens.undistort(DVec2::new(38.0, 0.0)).unwrap();
     assert!((lens.distort(inside).x - 38.0).abs() < 1e-9 && inside.x < 0.5774);
     assert_eq!(lens.undistort(DVec2::new(39.0, 0.0)), None);
@@ -66,7 +72,7 @@ proptest! {
         x in -0.8..0.8f64, y in -0.8..0.8f64,
     ) {
         let distortion = Distortion { k1: k[0], k2: k[1] * 0.5, k3: k[2] * 0.2, p1: p[0], p2: p[1] };
-        let lens = Lens { distortion, ..PHONE };
+        let lens = Lens { model: distortion.into(), ..PHONE };
         let direction = DVec2::new(x, y);
         let pixel = lens.distort(direction);
         let back = lens.undistort(pixel);

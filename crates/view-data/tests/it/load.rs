@@ -120,11 +120,11 @@ fn resizing_and_cutting_keep_the_camera_exact() {
 fn distorted_lens(sign: f64) -> Lens {
     let intrinsics = Intrinsics { fx: 60.0, fy: 62.0, cx: 31.0, cy: 25.0, width: 64, height: 48 };
     let distortion = Distortion { k1: 0.2 * sign, k2: 0.05 * sign, k3: 0.01, p1: 0.003, p2: -0.002 };
-    Lens { intrinsics, distortion }
+    Lens { intrinsics, model: distortion.into() }
 }
 
 fn distorted_folder(lens: Lens, more: &Value) -> Folder {
-    let Distortion { k1, k2, k3, p1, p2 } = lens.distortion;
+    let Distortion { k1, k2, k3, p1, p2 } = *lens.model.radial_tangential().unwrap();
     let mut file = json!({"k1": k1, "k2": k2, "k3": k3, "p1": p1, "p2": p2});
     file.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
     one_frame(&file)

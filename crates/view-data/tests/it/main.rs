@@ -1,4 +1,4 @@
-//! `folder` makes data sets to read; `nerfstudio` reads their JSON, `load` their pictures and depth, `lens` checks the
+//! `folder` makes data sets to read; `nerfstudio` reads their JSON, `load` their pictures and depth, `open` recognises layouts, `lens` checks the
 //! distortion model, `index` the evaluation index, `select` the choice of views.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests unwrap as tests do")]
@@ -9,4 +9,5 @@ mod index;
 mod lens;
 mod load;
 mod nerfstudio;
+mod open;
 mod select;

@@ -67,7 +67,10 @@ fn a_frame_overrides_the_file() {
     });
     let lenses: Vec<_> = folder.open().unwrap().frames.iter().map(|frame| frame.lens).collect();
     assert_eq!(lenses.iter().map(|lens| lens.intrinsics.fx).collect::<Vec<_>>(), [40.0, 80.0, 40.0]);
-    assert_eq!(lenses.iter().map(|lens| lens.distortion.k1).collect::<Vec<_>>(), [0.03, 0.01, 0.02]);
+    assert_eq!(
+        lenses.iter().map(|lens| lens.model.radial_tangential().unwrap().k1).collect::<Vec<_>>(),
+        [0.03, 0.01, 0.02]
+    );
 }
 
 #[test]
@@ -86,7 +89,7 @@ fn extras_are_recorded() {
     assert_eq!(dataset.depth_percentiles.unwrap().p50, 3.5);
     let point = dataset.applied_transform.unwrap().transform_point3(DVec3::new(1.0, 2.0, 3.0));
     assert_eq!((point, dataset.applied_scale), (DVec3::new(2.0, 1.0, -1.0), Some(0.25)));
-    let depth = DepthFile { path: folder.root().join("depth/0.png"), unit: 0.01 };
+    let depth = DepthFile::new(folder.root().join("depth/0.png"), 0.01);
     assert_eq!((dataset.frames[0].depth.as_ref(), dataset.frames[1].depth.as_ref()), (Some(&depth), None));
     assert_eq!(dataset.frames[1].mask_path, Some(folder.root().join("masks/1.png")));
     assert_eq!(dataset.frames[0].mask_path, None);
@@ -113,15 +116,15 @@ fn a_picture_is_found_by_name_in_the_only_folder_that_has_it() {
     folder.picture("images_8/0.png", 4, 3);
     folder.picture("other/1.png", 4, 3);
     let dataset = folder.open().unwrap();
-    assert_eq!(dataset.frames[0].image_path, folder.root().join("images_8/0.png"));
-    assert_eq!(dataset.frames[1].image_path, folder.root().join("images/1.png"));
+    assert_eq!(dataset.frames[0].image.path(), folder.root().join("images_8/0.png"));
+    assert_eq!(dataset.frames[1].image.path(), folder.root().join("images/1.png"));
     folder.picture("images_4/0.png", 8, 6);
     let message = folder.open_error();
     assert!(message.contains("frame 0 (images/0.png): picture is not at file_path"), "{message}");
     assert!(message.contains("images_4") && message.contains("images_8"), "{message}");
     // What is where the file says needs no search.
     folder.picture("images/0.png", 32, 24);
-    assert_eq!(folder.open().unwrap().frames[0].image_path, folder.root().join("images/0.png"));
+    assert_eq!(folder.open().unwrap().frames[0].image.path(), folder.root().join("images/0.png"));
 }
 
 #[test]

@@ -1,0 +1,115 @@
+//! Opening a data set whose layout is not said: recognised by what lies there.
+
+use crate::{Dataset, Dropped, Error, Format, Result, open_nerfstudio};
+use std::path::{Path, PathBuf};
+
+/// Scenes below a folder.
+#[derive(Debug, Clone, Default)]
+#[non_exhaustive]
+pub struct Scenes {
+    /// The scenes in the order of their names.
+    pub scenes: Vec<Dataset>,
+    /// Scenes that cannot be read, and why.
+    pub dropped: Vec<Dropped>,
+}
+
+/// Opens one scene: in the layout `format`, or, without, in the first layout of [`Format::ALL`] whose files lie there.
+///
+/// # Errors
+/// If no layout fits (the error says what was looked for), `path` holds more than one scene, or the files break a
+/// rule of their format.
+pub fn open(path: &Path, format: Option<Format>) -> Result<Dataset> {
+    let mut scenes = open_as(path, recognised(path, format)?)?;
+    if scenes.scenes.len() == 1 {
+        return Ok(scenes.scenes.remove(0));
+    }
+    let names = scenes.scenes.into_iter().map(|scene| scene.name).collect();
+    Err(Error::NotOneScene { path: path.to_path_buf(), names, dropped: scenes.dropped })
+}
+
+/// Opens all scenes of a folder: the folder itself if a layout fits it, else every sub-folder that one fits, in the
+/// order of names. Scenes that cannot be read are listed as dropped.
+///
+/// # Errors
+/// If the folder cannot be listed, or no layout fits it or a sub-folder.
+pub fn open_all(root: &Path, format: Option<Format>) -> Result<Scenes> {
+    match recognised(root, format) {
+        Ok(format) => return open_as(root, format),
+        Err(error) if !root.is_dir() => return Err(error),
+        Err(_) => {}
+    }
+    let unreadable = |source| Error::Read { path: root.to_path_buf(), source };
+    let mut folders: Vec<PathBuf> = Vec::new();
+    for entry in std::fs::read_dir(root).map_err(unreadable)? {
+        folders.push(entry.map_err(unreadable)?.path());
+    }
+    folders.sort();
+    let mut all = Scenes::default();
+    let mut fits_none = true;
+    for folder in folders.iter().filter(|folder| folder.is_dir()) {
+        let Ok(format) = recognised(folder, format) else { continue };
+        fits_none = false;
+        match open_as(folder, format) {
+            Ok(found) => {
+                all.scenes.extend(found.scenes);
+                all.dropped.extend(found.dropped);
+            }
+            Err(error) => all.dropped.push(Dropped::new(folder.display().to_string(), chain(&error))),
+        }
+    }
+    if fits_none { Err(no_layout(root, format)) } else { Ok(all) }
+}
+
+fn open_as(path: &Path, format: Format) -> Result<Scenes> {
+    let one = |scene: Result<Dataset>| Ok(Scenes { scenes: vec![scene?], dropped: Vec::new() });
+    match format {
+        Format::Nerfstudio => one(open_nerfstudio(path)),
+        _ => Err(no_layout(path, Some(format))),
+    }
+}
+
+/// The format that was asked for, if its files lie there, or the first that fits.
+fn recognised(path: &Path, format: Option<Format>) -> Result<Format> {
+    let fitting = candidates(format).find(|&format| fits(path, format));
+    fitting.ok_or_else(|| no_layout(path, format))
+}
+
+fn candidates(format: Option<Format>) -> impl Iterator<Item = Format> {
+    Format::ALL.into_iter().filter(move |candidate| format.is_none_or(|format| format == *candidate))
+}
+
+/// Whether the files of a format lie at a path. None is opened.
+fn fits(path: &Path, format: Format) -> bool {
+    match format {
+        Format::Nerfstudio => {
+            path.join("transforms.json").is_file()
+                || path.is_file() && path.extension().is_some_and(|extension| extension == "json")
+        }
+        _ => false,
+    }
+}
+
+/// What [`fits`] looks for.
+fn looked_for(format: Format) -> &'static str {
+    match format {
+        Format::Nerfstudio => "transforms.json",
+        Format::Colmap => "cameras and images (.bin or .txt) in ., sparse/0, sparse or colmap/sparse/0",
+        Format::Replica => "traj.txt and results/",
+        Format::Tum => "rgb.txt and groundtruth.txt",
+        Format::ScanNet => "color/, pose/ and intrinsic/",
+        Format::Chunk => "a .torch file, or index.json beside .torch files",
+        Format::Dl3dv => "transforms.json or nerfstudio/transforms.json in folders named by 64 hex digits",
+        Format::Re10k => "camera text files (.txt) in ., train/ or test/",
+    }
+}
+
+fn no_layout(path: &Path, format: Option<Format>) -> Error {
+    let describe = |format: Format| format!("{format} ({})", looked_for(format));
+    Error::NoLayout { path: path.to_path_buf(), looked_for: candidates(format).map(describe).collect() }
+}
+
+/// An error and its causes in one line.
+pub(crate) fn chain(error: &dyn std::error::Error) -> String {
+    let causes = std::iter::successors(Some(error), |error| error.source());
+    causes.map(ToString::to_string).collect::<Vec<_>>().join(": ")
+}
