@@ -1,6 +1,8 @@
 //! The rules that a description must keep, each with an error that names the place.
 
-use crate::{Error, Pattern, Primitive, Result, Rgb, Scene, Shape};
+use crate::{
+    Error, Finish, Lamp, Material, Mesh, MeshSource, Occlusion, Pattern, Primitive, Result, Rgb, SCENE_VERSION, Scene, Shape,
+};
 use glam::DVec3;
 
 /// Beyond this magnitude (metres) f64 no longer resolves a tenth of a micrometre.
@@ -118,15 +120,49 @@ impl<'a> Place<'a> {
         self.shape(&primitive.shape)?;
         self.point("centre", primitive.centre)?;
         self.point("rotation", primitive.rotation)?;
-        self.share("mottle", primitive.material.mottle)?;
-        self.pattern(&primitive.material.pattern)
+        self.material(&primitive.material)
+    }
+
+    fn material(&self, material: &Material) -> Result<()> {
+        self.share("mottle", material.mottle)?;
+        if let Finish::Glass { index } = material.finish {
+            self.rule((1.0..=3.0).contains(&index), "index", index, "1 to 3")?;
+        }
+        self.pattern(&material.pattern)
+    }
+
+    fn mesh(&self, mesh: &Mesh) -> Result<()> {
+        self.point("centre", mesh.centre)?;
+        self.point("rotation", mesh.rotation)?;
+        self.period("scale", mesh.scale)?;
+        self.material(&mesh.material)?;
+        let MeshSource::Inline { vertices, colours, .. } = &mesh.source else { return Ok(()) };
+        vertices.iter().try_for_each(|vertex| self.point("vertices", *vertex * mesh.scale))?;
+        colours.iter().try_for_each(|colour| self.colour("colours", *colour))
+    }
+
+    fn lamp(&self, lamp: &Lamp) -> Result<()> {
+        self.point("centre", lamp.centre)?;
+        self.point("rotation", lamp.rotation)?;
+        lamp.size.to_array().into_iter().try_for_each(|v| self.extent("size", v))?;
+        self.colour("colour", lamp.colour)?;
+        self.strength("strength", lamp.strength)
     }
 }
 
-/// Checks every number of a scene.
+/// Checks the version and every number of a scene.
 pub(crate) fn check(scene: &Scene) -> Result<()> {
+    if scene.version != SCENE_VERSION {
+        return Err(Error::Version { found: scene.version, expected: SCENE_VERSION });
+    }
     for (index, primitive) in scene.primitives.iter().enumerate() {
         Place::new(&|| format!("primitive {index} ({})", primitive.name)).primitive(primitive)?;
+    }
+    for (index, mesh) in scene.meshes.iter().enumerate() {
+        Place::new(&|| format!("mesh {index} ({})", mesh.name)).mesh(mesh)?;
+    }
+    for (index, lamp) in scene.lamps.iter().enumerate() {
+        Place::new(&|| format!("lamp {index} ({})", lamp.name)).lamp(lamp)?;
     }
     if let Some(sun) = &scene.sun {
         let name = || "sun".to_owned();
@@ -136,11 +172,15 @@ pub(crate) fn check(scene: &Scene) -> Result<()> {
         place.rule(length > 1e-9, "length of towards", length, "more than 0")?;
         place.colour("colour", sun.colour)?;
         place.strength("strength", sun.strength)?;
+        place.rule((0.0..=90.0).contains(&sun.diameter), "diameter", sun.diameter, "0 to 90 degrees")?;
     }
     let name = || "sky".to_owned();
     let place = Place::new(&name);
     place.colour("zenith", scene.sky.zenith)?;
     place.colour("horizon", scene.sky.horizon)?;
     place.colour("ground", scene.sky.ground)?;
-    place.strength("light", scene.sky.light)
+    place.strength("light", scene.sky.light)?;
+    let Some(Occlusion { reach, rays }) = scene.sky.occlusion else { return Ok(()) };
+    place.period("reach of occlusion", reach)?;
+    place.rule((1..=256).contains(&rays), "rays of occlusion", rays.into(), "1 to 256")
 }

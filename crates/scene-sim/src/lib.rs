@@ -19,13 +19,13 @@ mod trajectory;
 mod varied;
 
 pub use demo::{demo_cameras, demo_scene};
-pub use error::{Error, Result};
+pub use error::{Error, MeshRule, Result};
 pub use light::{Lamp, Occlusion, Sky, Sun};
 pub use material::{Finish, Material, Pattern, Rgb};
 pub use mesh::{Mesh, MeshSource};
 pub use photographs::{Aperture, Exposure, Photographs, SensorNoise};
 pub use render::{RayCounts, render_counted, render_view};
 pub use scene::{Primitive, SCENE_VERSION, Scene, Shape};
-pub use trace::Traced;
+pub use trace::{Dropped, Omission, Traced};
 pub use trajectory::{Trajectory, lens};
 pub use varied::{varied_cameras, varied_scene};

@@ -1,5 +1,8 @@
 //! Meshes as a description states them.
 
+pub(crate) mod polygons;
+pub(crate) mod read;
+
 use crate::{Material, Rgb};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -22,7 +25,8 @@ pub struct Mesh {
     #[serde(default = "one")]
     pub scale: f64,
     /// How its surface looks. Patterns are laid on by the mesh's own coordinates (noise, wood), or by its texture
-    /// coordinates where they need a plane and the mesh has them.
+    /// coordinates where they need a plane and the mesh has them (one unit is a metre); else each face is taken by the
+    /// axis that it faces most, as the sides of a box are.
     pub material: Material,
 }
 
@@ -40,7 +44,7 @@ pub enum MeshSource {
     Inline {
         /// Vertices in the mesh's own units.
         vertices: Vec<DVec3>,
-        /// Convex polygons of three or more vertices, counter-clockwise from outside.
+        /// Flat polygons of three or more vertices, counter-clockwise from outside. Both sides are seen.
         faces: Vec<Vec<u32>>,
         /// One colour per vertex, or none at all.
         #[serde(default)]

@@ -96,6 +96,11 @@ impl Body {
         self.shape.surface(origin + direction * t, direction)
     }
 
+    /// Whether it has no inside.
+    pub(super) fn is_thin(&self) -> bool {
+        self.shape.half().min_element() == 0.0
+    }
+
     pub(super) fn canvas(&self) -> Canvas {
         Canvas::Shape(self.shape)
     }

@@ -1,7 +1,7 @@
 //! The hierarchy against testing every body.
 
 use super::*;
-use crate::{Finish, Material, Pattern, Primitive, Shape, Sky};
+use crate::{Finish, Material, Pattern, Primitive, Scene, Shape, Sky};
 use proptest::prelude::*;
 
 /// Shapes in cells of a grid, so that many touch and share planes, some far smaller than others.
@@ -36,7 +36,9 @@ fn shapes(scale: f64, offset: DVec3) -> impl Strategy<Value = Scene> {
 }
 
 fn brute_force(scene: &Traced, ray: &PathRay) -> Option<f64> {
-    scene.bodies.iter().filter_map(|body| body.first_hit(ray)).reduce(f64::min)
+    (0..scene.slots.len())
+        .filter_map(|slot| scene.first_hit(slot, ray, &Aim::new(ray), f64::INFINITY))
+        .reduce(f64::min)
 }
 
 /// Rays from and to places on, beside and far from the grid, and along its axes (with both signs of zero).

@@ -156,7 +156,10 @@ fn what_has_no_area_is_dropped_and_counted() {
         shapes.into_iter().enumerate().map(|(i, s)| body(&i.to_string(), s, at, GREY)).collect();
     let camera = camera(DVec3::ZERO, at);
     let traced = Traced::new(&scene(nothing.clone(), None)).unwrap();
-    assert_eq!(traced.dropped(), ["0", "1", "2", "3"]);
+    let dropped: Vec<String> = traced.dropped().iter().map(ToString::to_string).collect();
+    let expected =
+        ["0", "1", "2", "3"].map(|name| format!("primitive {name} ({name}) has no area and is not seen"));
+    assert_eq!(dropped, expected);
     assert_eq!(depth(&view(&scene(nothing.clone(), None), &camera)).coverage(), 0.0);
     // A plate and a disc without thickness are seen, beside what is not.
     for shape in

@@ -1,6 +1,8 @@
 use super::{GREY, SUN, body, camera, scene};
 use glam::DVec3;
-use scene_sim::{Error, Pattern, Scene, Shape, Sun, Traced, demo_scene, render_view};
+use scene_sim::{
+    Error, Finish, Lamp, Mesh, MeshSource, Pattern, Scene, Shape, Sun, Traced, demo_scene, render_view,
+};
 
 fn message(scene: &Scene) -> String {
     Traced::new(scene).err().expect("the scene is refused").to_string()
@@ -45,6 +47,66 @@ fn a_wrong_number_is_an_error_that_names_its_place() {
     let mut bright = scene(vec![], None);
     bright.sky.light = f32::INFINITY;
     assert_eq!(message(&bright), "sky: light is inf, expected 0 to 1e6");
+}
+
+#[test]
+fn wrong_meshes_and_lamps_are_errors_that_name_place_and_rule() {
+    let mesh = |source| Mesh {
+        name: "chair".into(),
+        source,
+        centre: DVec3::ZERO,
+        rotation: DVec3::ZERO,
+        scale: 1.0,
+        material: body("", Shape::Sphere { radius: 1.0 }, DVec3::ZERO, GREY).material,
+    };
+    let with = |change: fn(&mut Mesh)| {
+        let vertices = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+        let mut chair =
+            mesh(MeshSource::Inline { vertices, faces: vec![vec![0, 1, 2]], colours: vec![[0.5; 3]; 3] });
+        change(&mut chair);
+        message(&Scene { meshes: vec![chair], ..scene(vec![], None) })
+    };
+    fn inline(mesh: &mut Mesh) -> (&mut Vec<DVec3>, &mut Vec<Vec<u32>>, &mut Vec<[f32; 3]>) {
+        match &mut mesh.source {
+            MeshSource::Inline { vertices, faces, colours } => (vertices, faces, colours),
+            MeshSource::File(_) => unreachable!("made inline"),
+        }
+    }
+    assert_eq!(with(|m| m.scale = 0.0), "mesh 0 (chair): scale is 0, expected 1e-6 to 1e9");
+    assert!(with(|m| inline(m).0[1].z = f64::NAN).starts_with("mesh 0 (chair): vertices is NaN"));
+    assert!(with(|m| inline(m).2[1][0] = 2.0).starts_with("mesh 0 (chair): colours is 2"));
+    assert_eq!(
+        with(|m| drop(inline(m).2.pop())),
+        "mesh 0 (chair): 2 colours for 3 vertices, expected one for each or none"
+    );
+    assert_eq!(
+        with(|m| inline(m).1.push(vec![0, 3, 1])),
+        "mesh 0 (chair): face 1 names vertex 3, but there are 3"
+    );
+    assert_eq!(
+        with(|m| inline(m).1.push(vec![0, 1])),
+        "mesh 0 (chair): face 1 has 2 corners, expected three or more"
+    );
+    assert_eq!(
+        with(|m| m.source = MeshSource::File("chair.ply".into())),
+        "mesh 0 (chair): its polygons are in a file, which needs the folder of the description (Traced::load)"
+    );
+    assert_eq!(
+        with(|m| m.material.finish = Finish::Glass { index: 0.5 }),
+        "mesh 0 (chair): index is 0.5, expected 1 to 3"
+    );
+    let lamp = Lamp {
+        name: "ceiling".into(),
+        centre: DVec3::ZERO,
+        rotation: DVec3::ZERO,
+        size: glam::DVec2::new(1.0, -1.0),
+        colour: [1.0; 3],
+        strength: 1.0,
+    };
+    let lit = Scene { lamps: vec![lamp], ..scene(vec![], None) };
+    assert_eq!(message(&lit), "lamp 0 (ceiling): size is -1, expected 0 to 1e9");
+    let old = Scene { version: 7, ..scene(vec![], None) };
+    assert_eq!(message(&old), "the description has version 7, only version 1 is read");
 }
 
 #[test]
