@@ -1,7 +1,8 @@
 //! The rules that a description must keep, each with an error that names the place.
 
 use crate::{
-    Error, Finish, Lamp, Material, Mesh, MeshSource, Occlusion, Pattern, Primitive, Result, Rgb, SCENE_VERSION, Scene, Shape,
+    Error, Finish, Lamp, Material, Mesh, MeshSource, Occlusion, Pattern, Primitive, Result, Rgb,
+    SCENE_VERSION, Scene, Shape,
 };
 use glam::DVec3;
 

@@ -86,6 +86,7 @@ pub(crate) enum Met<'a> {
     /// A surface with a material.
     Surface(Surface<'a>),
     /// The front of this lamp of the scene.
+    #[allow(dead_code)] // Until shading asks which.
     Lamp(usize),
 }
 
@@ -102,6 +103,7 @@ pub(crate) struct Surface<'a> {
     pub(crate) to_local: DMat3,
     /// Whether there is nothing behind it but its other side: a plate without thickness, or a mesh that is not closed
     /// (told for glass only). What is closed has an inside.
+    #[allow(dead_code)] // Until glass is shaded.
     pub(crate) is_thin: bool,
     /// Towards where the ray came from, unit length.
     backwards: DVec3,
