@@ -7,7 +7,7 @@ use crate::{
 use glam::DVec3;
 
 /// Beyond this magnitude (metres) f64 no longer resolves a tenth of a micrometre.
-const FARTHEST: f64 = 1e9;
+pub(crate) const FARTHEST: f64 = 1e9;
 
 /// Checks the numbers of one place of a scene.
 pub(crate) struct Place<'a> {

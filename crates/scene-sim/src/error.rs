@@ -1,3 +1,5 @@
+use std::path::PathBuf;
+
 /// What can be wrong with a scene description or a request to render it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -35,6 +37,27 @@ pub enum Error {
         place: String,
         /// The rule, with expected and found.
         rule: MeshRule,
+    },
+    /// A mesh file breaks a rule of its format.
+    #[error("{place}: {}: {rule}", path.display())]
+    MeshFile {
+        /// Which mesh, with its name.
+        place: String,
+        /// The file.
+        path: PathBuf,
+        /// The rule, with expected and found.
+        rule: MeshRule,
+    },
+    /// The operating system refused.
+    #[error("{}: cannot {action}", path.display())]
+    Io {
+        /// What was tried: `read`.
+        action: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        #[source]
+        source: std::io::Error,
     },
     /// A mesh comes from a file, but the description came without a folder.
     #[error("{place}: its polygons are in a file, which needs the folder of the description (Traced::load)")]
@@ -92,6 +115,145 @@ pub enum MeshRule {
         found: u64,
         /// Number of vertices.
         vertices: u64,
+    },
+    /// A vertex that is nowhere, or too far away.
+    #[error(
+        "vertex {vertex}: a coordinate is {found}, expected a finite number of magnitude up to 1e9 metres"
+    )]
+    Vertex {
+        /// Which vertex.
+        vertex: u64,
+        /// The coordinate, metres.
+        found: String,
+    },
+    /// A texture coordinate that is nowhere, or too far away.
+    #[error("vertex {vertex}: a texture coordinate is not a finite number of magnitude up to 1e9")]
+    Coordinate {
+        /// Which vertex.
+        vertex: u64,
+    },
+    /// A colour channel out of its range.
+    #[error(
+        "vertex {vertex}: a colour channel is {found}, expected 0 to 1 (floats) or 0 to the largest integer"
+    )]
+    Colour {
+        /// Which vertex.
+        vertex: u64,
+        /// The channel as a share of its largest value.
+        found: String,
+    },
+    /// More vertices than can be numbered.
+    #[error("there are {found} vertices or more, expected less than 2^32")]
+    TooMany {
+        /// How many.
+        found: u64,
+    },
+    /// A file of a kind that is not read.
+    #[error("the file's extension is {found:?}, expected ply or obj")]
+    Extension {
+        /// The extension.
+        found: String,
+    },
+    /// The first line is not `ply`.
+    #[error("not a PLY file (the first line is not \"ply\")")]
+    PlyMagic,
+    /// The header does not end within the first 64 KiB.
+    #[error("the header has no end_header line within its first 64 KiB")]
+    PlyHeaderEnd,
+    /// A header line that cannot be understood, or names an element or property for the second time.
+    #[error("header line {line} is not understood: {found:?}")]
+    PlyHeaderLine {
+        /// Which line.
+        line: u64,
+        /// The line.
+        found: String,
+    },
+    /// The header says nothing about the byte order.
+    #[error("the header has no format line")]
+    PlyFormat,
+    /// Something that a mesh needs is not in the header.
+    #[error("the header lacks {what}")]
+    PlyMissing {
+        /// What is missing.
+        what: &'static str,
+    },
+    /// A list where one number belongs.
+    #[error("vertex property {name:?} is a list, expected a number")]
+    PlyList {
+        /// The property.
+        name: String,
+    },
+    /// The header promises more than the file can hold.
+    #[error("the header promises at least {promised} bytes of data, the file holds {found}")]
+    PlySize {
+        /// The fewest bytes that the elements of the header take.
+        promised: u64,
+        /// Bytes behind the header.
+        found: u64,
+    },
+    /// The file ends too early.
+    #[error(
+        "truncated: the header promises {promised} of element {element:?}, the data ends in number {found}"
+    )]
+    PlyTruncated {
+        /// The element.
+        element: String,
+        /// How many the header promises.
+        promised: u64,
+        /// How many are complete.
+        found: u64,
+    },
+    /// A word that is no number of its type.
+    #[error("element {element:?} {index}: {found:?} is not a number of the declared type")]
+    PlyNumber {
+        /// The element.
+        element: String,
+        /// Which of them.
+        index: u64,
+        /// The word.
+        found: String,
+    },
+    /// A face with a number of corners that no polygon has.
+    #[error("face {face} has {found} corners, expected 3 to 65536")]
+    PlyLength {
+        /// Which face.
+        face: u64,
+        /// The length of its list.
+        found: i64,
+    },
+    /// A line that does not end.
+    #[error("line {line} is longer than 1 MiB with its continuations")]
+    ObjLong {
+        /// Where it begins.
+        line: u64,
+    },
+    /// A word that is no number.
+    #[error("line {line}: {found:?} is not a number")]
+    ObjNumber {
+        /// Which line.
+        line: u64,
+        /// The word.
+        found: String,
+    },
+    /// A line with too few or too many numbers.
+    #[error("line {line} has {found} numbers, expected {expected}")]
+    ObjCount {
+        /// Which line.
+        line: u64,
+        /// How many there are.
+        found: u64,
+        /// What is allowed.
+        expected: &'static str,
+    },
+    /// An index that names nothing above its line.
+    #[error("line {line} names number {found}, but there are {count} above it")]
+    ObjIndex {
+        /// Which line.
+        line: u64,
+        /// The index in the file: from 1, or from -1 backwards.
+        found: i64,
+        /// How many vertices or texture coordinates there are so far.
+        count: u64,
     },
 }
 

@@ -1,5 +1,8 @@
 //! Meshes as a description states them.
 
+mod obj;
+mod ply;
+mod ply_header;
 pub(crate) mod polygons;
 pub(crate) mod read;
 
@@ -51,3 +54,6 @@ pub enum MeshSource {
         colours: Vec<Rgb>,
     },
 }
+
+#[cfg(test)]
+mod file_tests;
