@@ -1,5 +1,6 @@
 //! A data set as every reader delivers it: where the files are, and how they were taken.
 
+use crate::camera_row::RowCamera;
 use crate::points::PointSource;
 use crate::{Error, Lens, Result, TransformsRule};
 use glam::{DAffine3, DMat3, DVec3};
@@ -18,6 +19,8 @@ pub struct Dataset {
     pub root: PathBuf,
     /// The layout that it was read from.
     pub format: Format,
+    /// Where the pictures come from, if the layout says so (an URL; chunks and RealEstate10K).
+    pub url: Option<String>,
     /// The frames in the order of capture as the layout defines it (see the table in the crate's description): an
     /// evaluation index counts positions in it. A frame whose picture is not there keeps its position.
     pub frames: Vec<Frame>,
@@ -112,6 +115,11 @@ pub struct Dropped {
 impl Dropped {
     pub(crate) fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
         Self { key: key.into(), reason: reason.into() }
+    }
+
+    /// What could not be read, with the error and its causes.
+    pub(crate) fn failed(key: impl Into<String>, error: &Error) -> Self {
+        Self::new(key, crate::open::chain(error))
     }
 }
 
@@ -220,6 +228,12 @@ pub struct DepthPercentiles {
 }
 
 impl Frame {
+    /// A frame whose camera is a row of RealEstate10K.
+    pub(crate) fn of_row(name: String, image: ImageSource, camera: RowCamera) -> Self {
+        let RowCamera { lens, axes, position } = camera;
+        Self { name, time: None, image, depth: None, mask_path: None, lens, axes, position }
+    }
+
     /// The frame's camera at the stated picture size, its distortion left out: where the frame looks, before any
     /// picture is read. The exact camera of the pixels comes with [`Dataset::load_views`].
     ///
@@ -231,6 +245,29 @@ impl Frame {
 }
 
 impl Dataset {
+    /// A data set of which nothing but the frames is known.
+    pub(crate) fn new(
+        format: Format,
+        name: String,
+        file: PathBuf,
+        root: PathBuf,
+        frames: Vec<Frame>,
+    ) -> Self {
+        Self {
+            name,
+            file,
+            root,
+            format,
+            url: None,
+            frames,
+            dropped: Vec::new(),
+            depth_percentiles: None,
+            applied_transform: None,
+            applied_scale: None,
+            points: None,
+        }
+    }
+
     /// [`Frame::camera`] of every frame.
     ///
     /// # Errors

@@ -69,6 +69,54 @@ pub enum Error {
         /// The rule, with expected and found.
         rule: TransformsRule,
     },
+    /// A file of `torch.save` breaks a rule of its format.
+    #[error("{}: {rule}", path.display())]
+    Torch {
+        /// The file.
+        path: PathBuf,
+        /// The rule, with expected and found.
+        rule: crate::TorchRule,
+    },
+    /// A chunk of scenes, or the `index.json` beside it, breaks a rule of its format.
+    #[error("{}: {}{rule}", path.display(), prefix(place))]
+    Chunk {
+        /// The file.
+        path: PathBuf,
+        /// Scene and frame; empty if the rule concerns the whole file.
+        place: String,
+        /// The rule, with expected and found.
+        rule: crate::ChunkRule,
+    },
+    /// A DL3DV folder breaks a rule of its layout.
+    #[error("{}: {}{rule}", path.display(), place(frame.as_deref()))]
+    Dl3dv {
+        /// The folder.
+        path: PathBuf,
+        /// Name of the frame; `None` if the rule concerns the whole scene.
+        frame: Option<String>,
+        /// The rule, with expected and found.
+        rule: crate::Dl3dvRule,
+    },
+    /// A camera file of RealEstate10K breaks a rule of its format.
+    #[error("{}: {}{rule}", path.display(), line.map_or_else(String::new, |line| format!("line {line}: ")))]
+    Re10k {
+        /// The file.
+        path: PathBuf,
+        /// Number of the line, from 1; `None` if the rule concerns the whole file.
+        line: Option<usize>,
+        /// The rule, with expected and found.
+        rule: crate::Re10kRule,
+    },
+    /// A scene that a list of scenes does not have.
+    #[error("no scene {name:?} among the {scenes} of this {format} data set")]
+    UnknownScene {
+        /// The name asked for.
+        name: String,
+        /// The layout.
+        format: crate::Format,
+        /// How many scenes there are.
+        scenes: usize,
+    },
     /// A frame position beyond the data set.
     #[error("frame position {position} does not exist: {name} has {frames} frames (0 to {})", frames.saturating_sub(1))]
     Position {
@@ -267,6 +315,10 @@ fn scenes(names: &[String], dropped: &[Dropped]) -> String {
         text += &format!("; {} cannot be read, the first is {}: {}", dropped.len(), first.key, first.reason);
     }
     text
+}
+
+fn prefix(place: &str) -> String {
+    if place.is_empty() { String::new() } else { format!("{place}: ") }
 }
 
 fn place(frame: Option<&str>) -> String {

@@ -72,17 +72,8 @@ impl EvaluationIndex {
 /// # Errors
 /// If the file cannot be read, is not in the layout, or an entry is empty or names a position twice.
 pub fn read_index(path: &Path) -> Result<EvaluationIndex> {
-    let text = std::fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     let broken = |key: &str, rule| Error::Index { path: path.to_path_buf(), key: key.to_owned(), rule };
-    let Entries(mut entries) =
-        serde_json::from_slice(&text).map_err(|source| Error::Json { path: path.to_path_buf(), source })?;
-    if entries.is_empty() {
-        return Err(broken("", IndexRule::Empty));
-    }
-    entries.sort_by_cached_key(|(key, _)| sort_key(key));
-    if let Some(pair) = entries.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-        return Err(broken(&pair[0].0, IndexRule::DuplicateKey));
-    }
+    let entries = read_entries(path)?;
     let mut index = EvaluationIndex { path: path.to_path_buf(), windows: Vec::new(), dropped: Vec::new() };
     for (key, value) in entries {
         if value.is_null() {
@@ -108,6 +99,22 @@ pub fn write_index(path: &Path, windows: &[Window]) -> Result<()> {
     let text = format!("{:#}", Value::Object(entries));
     gs_scene::write_atomically(path, |out| out.write_all(text.as_bytes()))
         .map_err(|source| Error::Write { path: path.to_path_buf(), rule: WriteRule::File(source) })
+}
+
+/// The entries of a JSON object in the order of [`sort_key`]; there is at least one, and each key occurs once.
+pub(crate) fn read_entries(path: &Path) -> Result<Vec<(String, Value)>> {
+    let text = std::fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let broken = |key: &str, rule| Error::Index { path: path.to_path_buf(), key: key.to_owned(), rule };
+    let Entries(mut entries) =
+        serde_json::from_slice(&text).map_err(|source| Error::Json { path: path.to_path_buf(), source })?;
+    if entries.is_empty() {
+        return Err(broken("", IndexRule::Empty));
+    }
+    entries.sort_by_cached_key(|(key, _)| sort_key(key));
+    if let Some(pair) = entries.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+        return Err(broken(&pair[0].0, IndexRule::DuplicateKey));
+    }
+    Ok(entries)
 }
 
 fn positions(entry: &Value, list: &'static str) -> std::result::Result<Vec<usize>, IndexRule> {
@@ -144,7 +151,7 @@ impl<'de> Deserialize<'de> for Entries {
         impl<'de> Visitor<'de> for Collect {
             type Value = Entries;
             fn expecting(&self, formatter: &mut std::fmt::Formatter) -> std::fmt::Result {
-                formatter.write_str("an object with keys \"scene/window\"")
+                formatter.write_str("an object with a key per scene")
             }
             fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> std::result::Result<Entries, A::Error> {
                 let mut entries = Vec::new();

@@ -5,8 +5,14 @@ mod error;
 mod dataset;
 mod points;
 
+mod camera_row;
+mod chunk;
+mod dl3dv;
 mod nerfstudio;
 mod open;
+mod pickle;
+mod re10k;
+mod scene_list;
 
 mod load;
 mod picture;
@@ -21,14 +27,20 @@ mod windows;
 
 mod write;
 
+pub use camera_row::CameraRule;
+pub use chunk::{ChunkRule, list_chunks, open_chunks};
 pub use dataset::{Dataset, DepthFile, DepthPercentiles, Dropped, Format, Frame, ImageSource};
+pub use dl3dv::{Dl3dvRule, list_dl3dv, open_dl3dv};
 pub use error::{Error, IndexRule, Result, TransformsRule};
 pub use gs_scene::{Distortion, Lens, LensModel};
 pub use index::{EvaluationIndex, Window, read_index, write_index};
 pub use nerfstudio::open_nerfstudio;
 pub use open::{Scenes, open, open_all};
+pub use pickle::TorchRule;
 pub use points::{Observation, ScenePoint};
+pub use re10k::{Re10kRule, list_re10k, open_re10k};
 pub use scene_depth::{SceneDepth, estimate_scene_depth};
+pub use scene_list::{SceneEntry, SceneList};
 pub use select::{Selection, select_views};
 pub use windows::windows_along;
 pub use write::{DatasetWriter, Layout, PictureFormat, WriteRule, Written};

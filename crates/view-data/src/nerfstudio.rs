@@ -54,6 +54,15 @@ const DEFAULT_DEPTH_UNIT: f64 = 0.001;
 /// If the file cannot be read or breaks a rule of the format; the message names file, frame and rule.
 pub fn open_nerfstudio(path: &Path) -> Result<Dataset> {
     let file = if path.is_dir() { path.join("transforms.json") } else { path.to_path_buf() };
+    open_file(file, None)
+}
+
+/// As [`open_nerfstudio`], but every picture is looked for in one folder, by its name alone.
+pub(crate) fn open_with_pictures_in(file: &Path, folder: &Path) -> Result<Dataset> {
+    open_file(file.to_path_buf(), Some(folder))
+}
+
+fn open_file(file: PathBuf, picture_folder: Option<&Path>) -> Result<Dataset> {
     let text = std::fs::read(&file).map_err(|source| Error::Read { path: file.clone(), source })?;
     let json = keys::parse(&text).map_err(|source| Error::Json { path: file.clone(), source })?;
     let root = match file.parent() {
@@ -77,7 +86,7 @@ pub fn open_nerfstudio(path: &Path) -> Result<Dataset> {
     let unit = shared.number("depth_unit_scale_factor")?.unwrap_or(DEFAULT_DEPTH_UNIT);
     shared.require(unit > 0.0, "depth_unit_scale_factor", unit, "a number above 0")?;
 
-    let mut pictures = Pictures::new(&root);
+    let mut pictures = Pictures::new(&root, picture_folder);
     let mut position_of = HashMap::new();
     let mut read = Vec::with_capacity(frames.len());
     for (position, keys) in frames.iter().enumerate() {
@@ -99,6 +108,7 @@ pub fn open_nerfstudio(path: &Path) -> Result<Dataset> {
         applied_transform: shared.matrix("applied_transform")?,
         applied_scale: shared.number("applied_scale")?,
         format: Format::Nerfstudio,
+        url: None,
         dropped,
         points: None,
         frames: read,

@@ -1,6 +1,6 @@
 //! Opening a data set whose layout is not said: recognised by what lies there.
 
-use crate::{Dataset, Dropped, Error, Format, Result, open_nerfstudio};
+use crate::{Dataset, Dropped, Error, Format, Result, open_chunks, open_dl3dv, open_nerfstudio, open_re10k};
 use std::path::{Path, PathBuf};
 
 /// Scenes below a folder.
@@ -64,6 +64,9 @@ fn open_as(path: &Path, format: Format) -> Result<Scenes> {
     let one = |scene: Result<Dataset>| Ok(Scenes { scenes: vec![scene?], dropped: Vec::new() });
     match format {
         Format::Nerfstudio => one(open_nerfstudio(path)),
+        Format::Chunk => open_chunks(path),
+        Format::Dl3dv => open_dl3dv(path),
+        Format::Re10k => open_re10k(path),
         _ => Err(no_layout(path, Some(format))),
     }
 }
@@ -85,6 +88,9 @@ fn fits(path: &Path, format: Format) -> bool {
             path.join("transforms.json").is_file()
                 || path.is_file() && path.extension().is_some_and(|extension| extension == "json")
         }
+        Format::Chunk => crate::chunk::is_there(path),
+        Format::Dl3dv => crate::dl3dv::is_there(path),
+        Format::Re10k => crate::re10k::is_there(path),
         _ => false,
     }
 }
@@ -97,13 +103,13 @@ fn looked_for(format: Format) -> &'static str {
         Format::Replica => "traj.txt and results/",
         Format::Tum => "rgb.txt and groundtruth.txt",
         Format::ScanNet => "color/, pose/ and intrinsic/",
-        Format::Chunk => "a .torch file, or index.json beside .torch files",
+        Format::Chunk => "a .torch file, or .torch files in ., test/ or train/",
         Format::Dl3dv => "transforms.json or nerfstudio/transforms.json in folders named by 64 hex digits",
-        Format::Re10k => "camera text files (.txt) in ., train/ or test/",
+        Format::Re10k => "camera files <key>.txt with a folder <key> beside them in ., test/ or train/",
     }
 }
 
-fn no_layout(path: &Path, format: Option<Format>) -> Error {
+pub(crate) fn no_layout(path: &Path, format: Option<Format>) -> Error {
     let describe = |format: Format| format!("{format} ({})", looked_for(format));
     Error::NoLayout { path: path.to_path_buf(), looked_for: candidates(format).map(describe).collect() }
 }

@@ -10,13 +10,15 @@ const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 /// Finds the pictures of a data set.
 pub(super) struct Pictures<'a> {
     root: &'a Path,
+    /// The one folder that has the pictures, whatever folder `file_path` names.
+    only: Option<&'a Path>,
     /// The `images*` folders of the root and the names in them; listed on the first miss.
     folders: Option<BTreeMap<PathBuf, BTreeSet<String>>>,
 }
 
 impl<'a> Pictures<'a> {
-    pub(super) fn new(root: &'a Path) -> Self {
-        Self { root, folders: None }
+    pub(super) fn new(root: &'a Path, only: Option<&'a Path>) -> Self {
+        Self { root, only, folders: None }
     }
 
     /// A path of the file relative to its folder; absolute paths stay. `\` separates as `/` does.
@@ -29,11 +31,15 @@ impl<'a> Pictures<'a> {
     ///
     /// The error lists the folders if several have it.
     pub(super) fn find(&mut self, file_path: &str) -> Result<ImageSource, Vec<String>> {
-        let stated = self.beside(file_path);
+        let mut stated = self.beside(file_path);
+        if let (Some(folder), Some(name)) = (self.only, stated.file_name()) {
+            stated = folder.join(name);
+        }
         if let Some(path) = variants(&stated).find(|path| path.is_file()) {
             return Ok(ImageSource::File(path));
         }
-        let Some(name) = stated.file_name().map(PathBuf::from) else {
+        let name = stated.file_name().filter(|_| self.only.is_none());
+        let Some(name) = name.map(PathBuf::from) else {
             return Ok(ImageSource::Missing(stated));
         };
         let folders = self.folders.get_or_insert_with(|| images_folders(self.root));

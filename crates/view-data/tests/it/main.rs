@@ -4,10 +4,14 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests unwrap as tests do")]
 
 mod folder;
+mod torch_file;
 
+mod chunk;
+mod dl3dv;
 mod index;
 mod lens;
 mod load;
 mod nerfstudio;
 mod open;
+mod re10k;
 mod select;

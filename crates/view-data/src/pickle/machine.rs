@@ -1,0 +1,454 @@
+//! The stack machine of Python's pickle, protocols 2 to 5, as far as `torch.save` uses it. It builds plain values and
+//! executes nothing: a call is accepted for two functions whose results are known beforehand.
+//!
+//! Every opcode adds at most one value, and no length of the file is trusted before that many bytes have been seen,
+//! so memory is bounded by the pickle's length. Nothing recurses.
+
+use super::TorchRule as Rule;
+use super::value::{Dtype, Global, Pickle, Span, Storage, Tensor, Value};
+use std::collections::HashMap;
+
+type Result<T> = std::result::Result<T, Rule>;
+
+/// Runs a pickle to its STOP.
+pub(super) fn run(bytes: Vec<u8>) -> Result<Pickle> {
+    let pools = Pickle {
+        bytes,
+        tuples: Vec::new(),
+        lists: Vec::new(),
+        dicts: Vec::new(),
+        storages: Vec::new(),
+        tensors: Vec::new(),
+        root: Value::None,
+    };
+    let mut machine = Machine { pools, at: 0, stack: Vec::new(), marks: Vec::new(), memo: HashMap::new() };
+    while machine.step()? {}
+    Ok(machine.pools)
+}
+
+struct Machine {
+    pools: Pickle,
+    /// Position in the bytes: the opcode's own while its arguments are not read yet.
+    at: usize,
+    stack: Vec<Value>,
+    /// Heights of the stack at which a MARK lies.
+    marks: Vec<usize>,
+    memo: HashMap<u32, Value>,
+}
+
+impl Machine {
+    /// One opcode; false after STOP.
+    fn step(&mut self) -> Result<bool> {
+        let at = self.at;
+        let [opcode] = self.array()?;
+        match opcode {
+            b'.' => {
+                self.pools.root = self.pop(at)?;
+                return Ok(false);
+            }
+            0x80 => {
+                let [found] = self.array()?;
+                if !(2..=5).contains(&found) {
+                    return Err(Rule::Protocol { found });
+                }
+            }
+            // FRAME states how much to read ahead; all of it is here.
+            0x95 => drop(self.array::<8>()?),
+            b'(' => self.marks.push(self.stack.len()),
+            b'0' => drop(self.pop(at)?),
+            b'1' => {
+                let height = self.mark(at)?;
+                self.stack.truncate(height);
+            }
+            b'2' => {
+                let top = self.top(at)?;
+                self.stack.push(top);
+            }
+            b'N' => self.stack.push(Value::None),
+            0x88 => self.stack.push(Value::Bool(true)),
+            0x89 => self.stack.push(Value::Bool(false)),
+            b'J' => {
+                let number = i32::from_le_bytes(self.array()?);
+                self.stack.push(Value::Int(number.into()));
+            }
+            b'K' => {
+                let [number] = self.array()?;
+                self.stack.push(Value::Int(number.into()));
+            }
+            b'M' => {
+                let number = u16::from_le_bytes(self.array()?);
+                self.stack.push(Value::Int(number.into()));
+            }
+            0x8a => {
+                let [length] = self.array()?;
+                let number = self.long(at, length.into())?;
+                self.stack.push(number);
+            }
+            b'G' => {
+                let number = f64::from_be_bytes(self.array()?);
+                self.stack.push(Value::Float(number));
+            }
+            b'X' => {
+                let length = u32::from_le_bytes(self.array()?);
+                self.text(at, length.into())?;
+            }
+            0x8c => {
+                let [length] = self.array()?;
+                self.text(at, length.into())?;
+            }
+            0x8d => {
+                let length = u64::from_le_bytes(self.array()?);
+                self.text(at, length)?;
+            }
+            b']' | b'}' | b')' => self.empty(opcode),
+            b'l' | b'd' | b't' => self.marked(at, opcode)?,
+            0x85..=0x87 => {
+                let height = self.below(at, usize::from(opcode - 0x84))?;
+                self.tuple(height);
+            }
+            b'a' => {
+                let height = self.below(at, 1)?;
+                self.append(at, height)?;
+            }
+            b'e' => {
+                let height = self.mark(at)?;
+                self.append(at, height)?;
+            }
+            b's' => {
+                let height = self.below(at, 2)?;
+                self.set(at, height)?;
+            }
+            b'u' => {
+                let height = self.mark(at)?;
+                self.set(at, height)?;
+            }
+            b'q' => {
+                let [slot] = self.array()?;
+                self.put(at, slot.into())?;
+            }
+            b'r' => {
+                let slot = u32::from_le_bytes(self.array()?);
+                self.put(at, slot)?;
+            }
+            // MEMOIZE fills the slot after the last one; no memo has more slots than the file has bytes.
+            0x94 => self.put(at, self.memo.len() as u32)?,
+            b'h' => {
+                let [slot] = self.array()?;
+                self.recall(at, slot.into())?;
+            }
+            b'j' => {
+                let slot = u32::from_le_bytes(self.array()?);
+                self.recall(at, slot)?;
+            }
+            b'c' => {
+                let (module, name) = (self.line()?, self.line()?);
+                self.global(module, name)?;
+            }
+            0x93 => {
+                let height = self.below(at, 2)?;
+                let (module, name) = (self.as_text(at, height)?, self.as_text(at, height + 1)?);
+                self.stack.truncate(height);
+                self.global(module, name)?;
+            }
+            b'R' => self.call(at)?,
+            b'Q' => self.persistent(at)?,
+            _ => return Err(Rule::Opcode { at, opcode }),
+        }
+        Ok(true)
+    }
+
+    /// The next bytes as a range, if there are so many.
+    fn span(&mut self, length: u64) -> Result<Span> {
+        let start = self.at;
+        let end = usize::try_from(length).ok().and_then(|length| start.checked_add(length));
+        let Some(end) = end.filter(|&end| end <= self.pools.bytes.len()) else {
+            return Err(Rule::Truncated { at: self.pools.bytes.len() });
+        };
+        self.at = end;
+        // A pickle is shorter than `MAX_PICKLE`.
+        Ok(Span { start: start as u32, length: (end - start) as u32 })
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N]> {
+        let span = self.span(N as u64)?;
+        let mut array = [0; N];
+        array.copy_from_slice(&self.pools.bytes[span.range()]);
+        Ok(array)
+    }
+
+    /// Text up to the end of its line, without the line feed.
+    fn line(&mut self) -> Result<Span> {
+        let rest = &self.pools.bytes[self.at..];
+        let length = rest.iter().position(|&byte| byte == b'\n');
+        let length = length.ok_or(Rule::Truncated { at: self.pools.bytes.len() })?;
+        let span = self.span(length as u64)?;
+        self.at += 1;
+        Ok(span)
+    }
+
+    fn text(&mut self, at: usize, length: u64) -> Result<()> {
+        let span = self.span(length)?;
+        if std::str::from_utf8(&self.pools.bytes[span.range()]).is_err() {
+            return Err(Rule::Utf8 { at });
+        }
+        self.stack.push(Value::Text(span));
+        Ok(())
+    }
+
+    /// A whole number of little-endian two's complement bytes.
+    fn long(&mut self, at: usize, length: u64) -> Result<Value> {
+        let span = self.span(length)?;
+        let bytes = &self.pools.bytes[span.range()];
+        if bytes.len() > 8 {
+            return Err(Rule::Integer { at, bytes: bytes.len() });
+        }
+        let negative = bytes.last().is_some_and(|&byte| byte >= 0x80);
+        let mut wide = [if negative { 0xff } else { 0 }; 8];
+        wide[..bytes.len()].copy_from_slice(bytes);
+        Ok(Value::Int(i64::from_le_bytes(wide)))
+    }
+
+    /// The lowest height that may be popped to: what lies below the last MARK is out of reach.
+    fn floor(&self) -> usize {
+        self.marks.last().copied().unwrap_or(0)
+    }
+
+    fn top(&self, at: usize) -> Result<Value> {
+        self.stack[self.floor()..].last().copied().ok_or(Rule::Stack { at })
+    }
+
+    fn pop(&mut self, at: usize) -> Result<Value> {
+        let top = self.top(at)?;
+        self.stack.pop();
+        Ok(top)
+    }
+
+    /// Height of the stack below its top `count` values.
+    fn below(&self, at: usize, count: usize) -> Result<usize> {
+        let height = self.stack.len().checked_sub(count).filter(|&height| height >= self.floor());
+        height.ok_or(Rule::Stack { at })
+    }
+
+    /// Takes the last MARK off; its height.
+    fn mark(&mut self, at: usize) -> Result<usize> {
+        self.marks.pop().ok_or(Rule::Stack { at })
+    }
+
+    fn empty(&mut self, opcode: u8) {
+        let value = match opcode {
+            b']' => self.new_list(Vec::new()),
+            b'}' => self.new_dict(),
+            _ => Value::Tuple(Span { start: 0, length: 0 }),
+        };
+        self.stack.push(value);
+    }
+
+    fn new_list(&mut self, items: Vec<Value>) -> Value {
+        self.pools.lists.push(items);
+        Value::List(self.pools.lists.len() as u32 - 1)
+    }
+
+    fn new_dict(&mut self) -> Value {
+        self.pools.dicts.push(Vec::new());
+        Value::Dict(self.pools.dicts.len() as u32 - 1)
+    }
+
+    /// LIST, DICT and TUPLE, from what lies above the last MARK.
+    fn marked(&mut self, at: usize, opcode: u8) -> Result<()> {
+        let height = self.mark(at)?;
+        match opcode {
+            b'l' => {
+                let items = self.stack.split_off(height);
+                let list = self.new_list(items);
+                self.stack.push(list);
+            }
+            b'd' => {
+                let dict = self.new_dict();
+                self.stack.insert(height, dict);
+                self.set(at, height + 1)?;
+            }
+            _ => self.tuple(height),
+        }
+        Ok(())
+    }
+
+    fn tuple(&mut self, height: usize) {
+        let start = self.pools.tuples.len() as u32;
+        self.pools.tuples.extend(self.stack.drain(height..));
+        let length = self.pools.tuples.len() as u32 - start;
+        self.stack.push(Value::Tuple(Span { start, length }));
+    }
+
+    /// Appends what lies above `height` to the list below it.
+    fn append(&mut self, at: usize, height: usize) -> Result<()> {
+        let list = match height.checked_sub(1).filter(|&below| below >= self.floor()) {
+            Some(below) => self.stack[below],
+            None => return Err(Rule::Stack { at }),
+        };
+        let Value::List(list) = list else {
+            return Err(Rule::Operand { at, expected: "list", found: list.type_name() });
+        };
+        self.pools.lists[list as usize].extend(self.stack.drain(height..));
+        Ok(())
+    }
+
+    /// Sets the pairs that lie above `height` in the dict below it.
+    fn set(&mut self, at: usize, height: usize) -> Result<()> {
+        let dict = match height.checked_sub(1).filter(|&below| below >= self.floor()) {
+            Some(below) if (self.stack.len() - height).is_multiple_of(2) => self.stack[below],
+            _ => return Err(Rule::Stack { at }),
+        };
+        let Value::Dict(dict) = dict else {
+            return Err(Rule::Operand { at, expected: "dict", found: dict.type_name() });
+        };
+        let pairs = self.stack[height..].chunks_exact(2).map(|pair| (pair[0], pair[1]));
+        self.pools.dicts[dict as usize].extend(pairs);
+        self.stack.truncate(height);
+        Ok(())
+    }
+
+    fn put(&mut self, at: usize, slot: u32) -> Result<()> {
+        let top = self.top(at)?;
+        self.memo.insert(slot, top);
+        Ok(())
+    }
+
+    fn recall(&mut self, at: usize, slot: u32) -> Result<()> {
+        let value = self.memo.get(&slot).copied().ok_or(Rule::Memo { at, slot })?;
+        self.stack.push(value);
+        Ok(())
+    }
+
+    fn as_text(&self, at: usize, height: usize) -> Result<Span> {
+        match self.stack[height] {
+            Value::Text(span) => Ok(span),
+            other => Err(Rule::Operand { at, expected: "str", found: other.type_name() }),
+        }
+    }
+
+    fn global(&mut self, module: Span, name: Span) -> Result<()> {
+        let text = |span: Span| String::from_utf8_lossy(&self.pools.bytes[span.range()]);
+        let (module, name) = (text(module), text(name));
+        let global = match (module.as_ref(), name.as_ref()) {
+            ("torch._utils", "_rebuild_tensor_v2") => Global::RebuildTensor,
+            ("collections", "OrderedDict") => Global::OrderedDict,
+            ("torch", "ByteStorage") => Global::Storage(Dtype::U8),
+            ("torch", "LongStorage") => Global::Storage(Dtype::I64),
+            ("torch", "FloatStorage") => Global::Storage(Dtype::F32),
+            ("torch", "DoubleStorage") => Global::Storage(Dtype::F64),
+            ("torch", other) if other.ends_with("Storage") => {
+                return Err(Rule::StorageType { found: clipped(other) });
+            }
+            (module, name) => return Err(Rule::Global { name: clipped(&format!("{module} {name}")) }),
+        };
+        self.stack.push(Value::Global(global));
+        Ok(())
+    }
+
+    /// REDUCE: a function and the tuple of its arguments.
+    fn call(&mut self, at: usize) -> Result<()> {
+        let arguments = self.pop(at)?;
+        let function = self.pop(at)?;
+        let Value::Tuple(arguments) = arguments else {
+            return Err(Rule::Operand { at, expected: "tuple", found: arguments.type_name() });
+        };
+        let result = match function {
+            Value::Global(Global::RebuildTensor) => self.tensor(at, arguments)?,
+            Value::Global(Global::OrderedDict) if arguments.length == 0 => self.new_dict(),
+            Value::Global(Global::OrderedDict) => return Err(Rule::Call { at, what: "OrderedDict" }),
+            other => {
+                return Err(Rule::Operand {
+                    at,
+                    expected: "a function that is read",
+                    found: other.type_name(),
+                });
+            }
+        };
+        self.stack.push(result);
+        Ok(())
+    }
+
+    /// `_rebuild_tensor_v2(storage, offset, size, stride, requires_grad, hooks)`; newer files add metadata.
+    fn tensor(&mut self, at: usize, arguments: Span) -> Result<Value> {
+        let wrong = Rule::Call { at, what: "_rebuild_tensor_v2" };
+        let (storage, offset, sizes, strides) = match self.pools.tuples[arguments.range()] {
+            [
+                Value::Storage(storage),
+                Value::Int(offset),
+                Value::Tuple(sizes),
+                Value::Tuple(strides),
+                _,
+                _,
+            ]
+            | [
+                Value::Storage(storage),
+                Value::Int(offset),
+                Value::Tuple(sizes),
+                Value::Tuple(strides),
+                _,
+                _,
+                _,
+            ] => (self.pools.storages[storage as usize], offset, sizes, strides),
+            _ => return Err(wrong),
+        };
+        let dimensions = sizes.length as usize;
+        if dimensions > super::MAX_DIMENSIONS {
+            return Err(Rule::Dimensions { at, found: dimensions });
+        }
+        if sizes.length != strides.length {
+            return Err(wrong);
+        }
+        let beyond = || Rule::TensorRange { at, elements: storage.elements };
+        let natural = |value: &Value| match *value {
+            Value::Int(number) => u64::try_from(number).map_err(|_| beyond()),
+            _ => Err(Rule::Call { at, what: "_rebuild_tensor_v2" }),
+        };
+        let numbers = |span: Span| {
+            let mut numbers = [0; super::MAX_DIMENSIONS];
+            for (number, value) in numbers.iter_mut().zip(&self.pools.tuples[span.range()]) {
+                *number = natural(value)?;
+            }
+            Ok(numbers)
+        };
+        let (sizes, strides) = (numbers(sizes)?, numbers(strides)?);
+        let offset = natural(&Value::Int(offset))?;
+        // One past the last element; a tensor without elements reaches as far as its offset.
+        let mut end = offset;
+        if !sizes[..dimensions].contains(&0) {
+            for (size, stride) in sizes[..dimensions].iter().zip(&strides) {
+                let reach = (size - 1).checked_mul(*stride).and_then(|reach| reach.checked_add(end));
+                end = reach.ok_or_else(beyond)?;
+            }
+            end = end.checked_add(1).ok_or_else(beyond)?;
+        }
+        if end > storage.elements {
+            return Err(beyond());
+        }
+        self.pools.tensors.push(Tensor { storage, offset, sizes, strides, dimensions });
+        Ok(Value::Tensor(self.pools.tensors.len() as u32 - 1))
+    }
+
+    /// BINPERSID of `("storage", type, key, location, elements)`. Where the tensor lived (`cpu`, `cuda:0`) is of no
+    /// account.
+    fn persistent(&mut self, at: usize) -> Result<()> {
+        let wrong = Rule::Call { at, what: "a storage" };
+        let Value::Tuple(id) = self.pop(at)? else { return Err(wrong) };
+        let (kind, dtype, key, elements) = match self.pools.tuples[id.range()] {
+            [kind, Value::Global(Global::Storage(dtype)), Value::Text(key), _, Value::Int(elements)] => {
+                (kind, dtype, key, elements)
+            }
+            _ => return Err(wrong),
+        };
+        let (Some("storage"), Ok(elements)) = (self.pools.text(kind), u64::try_from(elements)) else {
+            return Err(wrong);
+        };
+        self.pools.storages.push(Storage { dtype, key, elements });
+        self.stack.push(Value::Storage(self.pools.storages.len() as u32 - 1));
+        Ok(())
+    }
+}
+
+/// A name of the file, cut to what fits into a message.
+fn clipped(name: &str) -> String {
+    name.chars().take(100).collect()
+}

@@ -1,0 +1,474 @@
+//! Chunks: those of PyTorch in fixtures/chunks, and broken ones made here.
+
+use crate::folder::{Folder, chain};
+use crate::torch_file::{Elements, Saved, Scene, png, row, write_chunk};
+use proptest::prelude::*;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use view_data::{Error, ImageSource, Scenes, TorchRule, list_chunks, open_chunks};
+use zip::CompressionMethod;
+
+/// Breaks what a test is about to write.
+type Break<T> = Box<dyn FnOnce(&mut T)>;
+
+fn fixtures() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/chunks")
+}
+
+/// The dropped scenes as `key: reason`.
+fn ledger(scenes: &Scenes) -> Vec<String> {
+    scenes.dropped.iter().map(|dropped| format!("{}: {}", dropped.key, dropped.reason)).collect()
+}
+
+#[test]
+fn what_pytorch_wrote_is_what_was_put_in() {
+    let scenes = open_chunks(&fixtures()).unwrap();
+    let expected: Value =
+        serde_json::from_slice(&std::fs::read(fixtures().join("expected.json")).unwrap()).unwrap();
+    let expected = expected["scenes"].as_object().unwrap();
+    let names: Vec<_> = scenes.scenes.iter().map(|scene| &scene.name).collect();
+    assert_eq!(names, expected.keys().collect::<Vec<_>>());
+    for (scene, expected) in scenes.scenes.iter().zip(expected.values()) {
+        assert_eq!(scene.url.as_deref(), expected["url"].as_str());
+        let list = |key| expected[key].as_array().unwrap();
+        assert_eq!(scene.frames.len(), list("images").len());
+        for (i, frame) in scene.frames.iter().enumerate() {
+            assert_eq!(frame.name, list("timestamps")[i].to_string());
+            let ImageSource::Encoded { path, offset, length } = &frame.image else { panic!() };
+            let file = std::fs::read(path).unwrap();
+            let bytes = &file[*offset as usize..][..*length as usize];
+            let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+            assert_eq!(Some(hex.as_str()), list("images")[i].as_str());
+
+            let row: Vec<f64> =
+                list("cameras")[i].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+            let intrinsics = frame.lens.intrinsics;
+            let (w, h) = (intrinsics.width as f64, intrinsics.height as f64);
+            assert_eq!((w, h), if scene.name == "bb02" { (16.0, 24.0) } else { (20.0, 12.0) });
+            let found = [intrinsics.fx / w, intrinsics.fy / h, intrinsics.cx / w, intrinsics.cy / h];
+            assert!(found.iter().zip(&row).all(|(a, b)| (a - b).abs() < 1e-12));
+            // A point of the world through the row's matrix, in f64; f32 rotations are mended by 1e-7 at most.
+            let camera = frame.camera().unwrap();
+            let seen = camera.to_camera(glam::DVec3::new(0.3, -1.2, 2.5));
+            let expected = [0, 1, 2].map(|r| {
+                let m = &row[6 + 4 * r..];
+                0.3 * m[0] - 1.2 * m[1] + 2.5 * m[2] + m[3]
+            });
+            assert!(
+                seen.to_array().iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5),
+                "{seen} {expected:?}"
+            );
+        }
+        let views = scene.load_views(&[0, 1], None).unwrap();
+        // Red runs from 0 to 1 along the row.
+        let (width, image) = (views[0].image().width(), views[0].image());
+        assert!(image.pixel(0, 0)[0] < 0.1 && image.pixel(width - 1, 0)[0] > 0.9);
+    }
+}
+
+#[test]
+fn broken_scenes_are_dropped_with_the_reason_and_the_rest_is_read() {
+    let scenes = open_chunks(&fixtures()).unwrap();
+    let ledger = ledger(&scenes);
+    let expected = [
+        ("dd04", "frame 1 (5000000001): column 9 of the camera is not finite"),
+        ("ee05", "frame 0 (5000000000): translation of the camera is -50000, expected entries within ±1000"),
+        ("ff06", "cameras are 3, but there are 2 images"),
+    ];
+    assert_eq!(ledger.len(), 3, "{ledger:?}");
+    for (line, (key, reason)) in ledger.iter().zip(expected) {
+        assert!(line.starts_with(key) && line.ends_with(reason), "{line}");
+    }
+}
+
+#[test]
+fn scenes_are_listed_by_the_index_or_by_the_chunks_and_opened_alone() {
+    let by_index = list_chunks(&fixtures()).unwrap();
+    let names: Vec<_> = by_index.entries.iter().map(|entry| entry.name.as_str()).collect();
+    assert_eq!(names, ["aa01", "bb02", "cc03", "dd04", "ee05", "ff06"]);
+    assert_eq!(by_index.open("bb02").unwrap().frames.len(), 3);
+    assert!(chain(&by_index.open("ff06").unwrap_err()).contains("cameras are 3"));
+    assert!(matches!(by_index.open("zz"), Err(Error::UnknownScene { .. })));
+
+    let folder = Folder::new();
+    for name in ["000000.torch", "000001.torch"] {
+        std::fs::copy(fixtures().join(name), folder.path(&format!("test/{name}"))).unwrap();
+    }
+    let by_chunks = list_chunks(folder.root()).unwrap();
+    assert_eq!(by_chunks.entries.iter().map(|entry| entry.name.as_str()).collect::<Vec<_>>(), names);
+    let one = list_chunks(&fixtures().join("000000.torch")).unwrap();
+    assert_eq!(one.entries.iter().map(|entry| entry.name.as_str()).collect::<Vec<_>>(), ["aa01", "bb02"]);
+}
+
+#[test]
+fn an_index_that_disagrees_with_the_chunks_is_told() {
+    let folder = Folder::new();
+    write_chunk(&folder.path("a.torch"), &[Scene::new("one", 2)]);
+    write_chunk(&folder.path("b.torch"), &[Scene::new("two", 2)]);
+    let index = folder.path("index.json");
+    std::fs::write(&index, r#"{"one": "a.torch", "three": "a.torch", "four": "gone.torch"}"#).unwrap();
+    let scenes = open_chunks(folder.root()).unwrap();
+    assert_eq!(scenes.scenes.len(), 1);
+    let ledger = ledger(&scenes);
+    assert!(ledger[0].starts_with("four: chunk missing: "), "{ledger:?}");
+    assert!(ledger[1].contains("b.torch: ") && ledger[1].ends_with("names no scene of it"), "{ledger:?}");
+    assert!(ledger[2].ends_with("no such scene in this chunk"), "{ledger:?}");
+
+    for (text, message) in [
+        (r#"{"one": "../a.torch"}"#, r#"one: index names "../a.torch", expected the name of a chunk file"#),
+        (r#"{"one": 3}"#, r#"one: index names "3""#),
+        (r#"{"o/e": "a.torch"}"#, r#"name of the scene is "o/e""#),
+        (r#"{"one": "a.torch", "one": "b.torch"}"#, "key occurs twice"),
+        ("[1]", "not valid JSON"),
+    ] {
+        std::fs::write(&index, text).unwrap();
+        let found = chain(&list_chunks(folder.root()).unwrap_err());
+        assert!(found.contains(message), "{found}");
+    }
+}
+
+#[test]
+fn repeated_timestamps_give_way_to_positions() {
+    let folder = Folder::new();
+    let mut scene = Scene::new("s", 3);
+    scene.timestamps = vec![5, 6, 5];
+    write_chunk(&folder.path("a.torch"), &[scene]);
+    let scenes = open_chunks(folder.root()).unwrap();
+    let names: Vec<_> = scenes.scenes[0].frames.iter().map(|frame| frame.name.as_str()).collect();
+    assert_eq!(names, ["0", "1", "2"]);
+}
+
+/// Opens a chunk of one scene that `breaks` has broken; the reason why it is dropped.
+fn dropped(breaks: impl FnOnce(&mut Scene)) -> String {
+    let folder = Folder::new();
+    let mut scene = Scene::new("s", 2);
+    breaks(&mut scene);
+    let path = folder.path("a.torch");
+    write_chunk(&path, &[scene, Scene::new("sound", 2)]);
+    let scenes = open_chunks(&path).unwrap();
+    assert_eq!(scenes.scenes.len(), 1, "the sound scene is read");
+    assert_eq!(scenes.dropped.len(), 1);
+    scenes.dropped[0].reason.clone()
+}
+
+#[test]
+fn every_rule_of_a_scene_is_named() {
+    let cases: [(&str, Break<Scene>); 10] = [
+        ("name of the scene is \"a/b\"", Box::new(|scene| scene.key = "a/b".to_owned())),
+        ("name of the scene is \"..\"", Box::new(|scene| scene.key = "..".to_owned())),
+        ("cameras are 3, but there are 2 images", Box::new(|scene| scene.rows.push(row(3.0)))),
+        ("timestamps are 3, but there are 2 images", Box::new(|scene| scene.timestamps.push(1))),
+        ("has no images", Box::new(|scene| scene.images.clear())),
+        ("frame 1 (107): image has 5 bytes", Box::new(|scene| scene.images[1].truncate(5))),
+        ("picture cannot be decoded", Box::new(|scene| scene.images[1].fill(7))),
+        ("column 12 of the camera is not finite", Box::new(|scene| scene.rows[0][12] = f32::INFINITY)),
+        ("frame 1 (107): pose holds no rotation", Box::new(|scene| scene.rows[1][6] = 3.0)),
+        ("column 4 of the camera is 0.25, expected 0", Box::new(|scene| scene.rows[0][4] = 0.25)),
+    ];
+    for (message, breaks) in cases {
+        let found = dropped(breaks);
+        assert!(found.contains(message), "{found} instead of {message}");
+    }
+}
+
+/// Writes a pickle (what is between the protocol and STOP) as a file; the error that opening it gives.
+fn error_of(build: impl FnOnce(&mut Saved)) -> String {
+    let folder = Folder::new();
+    let path = folder.path("a.torch");
+    let mut saved = Saved::new();
+    build(&mut saved);
+    saved.write(&path);
+    chain(&open_chunks(&path).unwrap_err())
+}
+
+#[test]
+fn wrong_types_shapes_and_repetitions_are_named() {
+    assert!(error_of(|saved| _ = saved.int(3)).ends_with("holds int, expected a list of scenes"));
+    let many = error_of(|saved| _ = saved.op(b"](").op(&[b'N'; 2000]).op(b"e"));
+    assert!(many.contains("lists 2000 scenes, more than a file of"), "{many}");
+
+    let folder = Folder::new();
+    let path = folder.path("a.torch");
+    let open = |build: &dyn Fn(&mut Saved)| {
+        let mut saved = Saved::new();
+        saved.op(b"](");
+        build(&mut saved);
+        saved.op(b"e").write(&path);
+        ledger(&open_chunks(&path).unwrap()).join("; ")
+    };
+    let found = open(&|saved| _ = saved.int(4).op(b"}}(").text("key").int(4).op(b"u"));
+    for message in
+        ["scene 0: ", "the scene is int, expected dict", "key \"key\" is missing", "key is int, expected str"]
+    {
+        assert!(found.contains(message), "{found}");
+    }
+    // The same dict three times: it is one scene.
+    let found = open(&|saved| {
+        Scene::new("s", 1).save(saved);
+        saved.op(b"q\x01h\x01h\x01");
+    });
+    assert_eq!(found.matches("a scene of this name comes before").count(), 2, "{found}");
+
+    let scene = |saved: &mut Saved, cameras: &[i64], images: &dyn Fn(&mut Saved)| {
+        saved.op(b"}(").text("key").text("s").text("cameras");
+        let count = cameras.iter().product::<i64>() as usize;
+        saved.tensor(&Elements::F64(&vec![0.5; count]), cameras).text("images").op(b"](");
+        images(saved);
+        saved.op(b"eu");
+    };
+    let bytes = png(20, 10);
+    let length = bytes.len() as i64;
+    let sound = |saved: &mut Saved| _ = saved.tensor(&Elements::U8(&bytes), &[length]);
+    let found = open(&|saved| scene(saved, &[1, 16], &sound));
+    assert!(found.contains("cameras have shape [1, 16], expected [views, 18]"), "{found}");
+    let found = open(&|saved| scene(saved, &[18], &sound));
+    assert!(found.contains("cameras have shape [18], expected [views, 18]"), "{found}");
+    let found =
+        open(&|saved| scene(saved, &[1, 18], &|saved| _ = saved.tensor(&Elements::F32(&[1.0]), &[1])));
+    assert!(found.contains("an image is a tensor, expected a uint8 tensor"), "{found}");
+    let found =
+        open(&|saved| scene(saved, &[1, 18], &|saved| _ = saved.tensor(&Elements::U8(&bytes), &[1, length])));
+    assert!(found.contains(&format!("image is a tensor of shape [1, {length}]")), "{found}");
+    // Every second byte of a storage is no file.
+    let strided = |saved: &mut Saved| {
+        saved.rebuild().storage("ByteStorage", bytes.clone(), length).view(0, &[length / 2], &[2]);
+    };
+    assert!(open(&|saved| scene(saved, &[1, 18], &strided)).contains("expected contiguous uint8 [bytes]"));
+    // One picture and one camera, each two hundred times, without taking more room in the file.
+    let found = open(&|saved| {
+        saved.op(b"}(").text("key").text("s").text("cameras").rebuild();
+        let bytes = row(0.0).iter().flat_map(|value| value.to_le_bytes()).collect();
+        saved.storage("FloatStorage", bytes, 18).view(0, &[200, 18], &[0, 1]).text("images").op(b"](");
+        sound(saved);
+        saved.op(b"q\x05").op(&b"h\x05".repeat(199)).op(b"eu");
+    });
+    assert!(found.contains("images of the chunk are longer than the file"), "{found}");
+}
+
+#[test]
+fn every_rule_of_the_container_is_named() {
+    let folder = Folder::new();
+    let path = folder.path("a.torch");
+    let found = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        chain(&open_chunks(&path).unwrap_err())
+    };
+    let legacy = chain(&open_chunks(&fixtures().join("legacy.pt")).unwrap_err());
+    assert!(legacy.contains("format from before version 1.6"), "{legacy}");
+    assert!(found(b"no archive").contains("not a whole ZIP archive"));
+    assert!(found(b"").contains("not a whole ZIP archive"));
+    let whole = std::fs::read(fixtures().join("000000.torch")).unwrap();
+    assert!(found(&whole[..whole.len() / 2]).contains("not a whole ZIP archive"));
+
+    let mut saved = Saved::new();
+    saved.op(b"](").int(1).op(b"e.");
+    let error = |saved: &Saved, method, byteorder| {
+        saved.write_as(&path, method, byteorder);
+        chain(&open_chunks(&path).unwrap_err())
+    };
+    assert!(error(&saved, CompressionMethod::Stored, "big").contains("byteorder is \"big\""));
+
+    // A flipped byte of the pickle disagrees with its checksum.
+    let at = whole.windows(4).position(|window| window == b"aa01").unwrap();
+    let mut flipped = whole.clone();
+    flipped[at] ^= 1;
+    assert!(found(&flipped).contains("data.pkl does not agree with its checksum"));
+    // Another compression method in the directory (and nothing else) is no stored entry.
+    let mut compressed = whole;
+    for at in 0..compressed.len() - 12 {
+        if compressed[at..].starts_with(b"PK\x01\x02") {
+            compressed[at + 10] = 8;
+        }
+    }
+    let message = found(&compressed);
+    assert!(message.contains("is compressed, expected stored bytes"), "{message}");
+}
+
+#[test]
+fn unknown_functions_are_named_and_not_called() {
+    let marker = Folder::new();
+    let command = format!("touch {}", marker.path("called").display());
+    let named = error_of(|saved| _ = saved.op(b"cos\nsystem\n(").text(&command).op(b"tR"));
+    assert!(named.contains("pickle names os system, which is not on the list of what is read"), "{named}");
+    let named = error_of(|saved| _ = saved.text("builtins").text("eval").op(b"\x93"));
+    assert!(named.contains("pickle names builtins eval"), "{named}");
+    assert!(!marker.root().join("called").exists());
+}
+
+#[test]
+fn every_rule_of_the_pickle_is_named() {
+    let tensor = |saved: &mut Saved, elements: i64, shape: &[i64], strides: &[i64]| {
+        saved.rebuild().storage("ByteStorage", vec![0; 8], elements).view(0, shape, strides);
+    };
+    let cases: [(&str, Break<Saved>); 22] = [
+        ("pickle protocol 9", Box::new(|saved| _ = saved.op(&[0x80, 9]))),
+        ("pickle opcode 0x69", Box::new(|saved| _ = saved.op(b"i"))),
+        ("finds too little on the stack", Box::new(|_| ())),
+        ("finds too little on the stack", Box::new(|saved| _ = saved.op(b"NR"))),
+        ("finds too little on the stack", Box::new(|saved| _ = saved.op(b"e"))),
+        // What lies below a MARK is out of reach.
+        ("finds too little on the stack", Box::new(|saved| _ = saved.op(b"N(0"))),
+        ("finds too little on the stack", Box::new(|saved| _ = saved.op(b"}(Nu"))),
+        ("reads memo slot 77", Box::new(|saved| _ = saved.op(b"h\x4d"))),
+        ("reads memo slot 4294967295", Box::new(|saved| _ = saved.op(b"j\xff\xff\xff\xff"))),
+        ("is not UTF-8", Box::new(|saved| _ = saved.op(b"X\x01\0\0\0\xff"))),
+        ("has 9 bytes, expected at most 8", Box::new(|saved| _ = saved.op(b"\x8a\x09123456789"))),
+        ("in the middle of its program", Box::new(|saved| _ = saved.op(b"X\xff\xff\xff\xffab"))),
+        (
+            "in the middle of its program",
+            Box::new(|saved| _ = saved.op(b"\x8d\xff\xff\xff\xff\xff\xff\xff\xffab")),
+        ),
+        ("in the middle of its program", Box::new(|saved| _ = saved.op(b"cwithout end"))),
+        ("pickle has int at byte 5, expected list", Box::new(|saved| _ = saved.op(b"K\x01Na"))),
+        ("torch.HalfStorage, expected ByteStorage", Box::new(|saved| _ = saved.op(b"ctorch\nHalfStorage\n"))),
+        ("pickle calls OrderedDict", Box::new(|saved| _ = saved.op(b"ccollections\nOrderedDict\nN\x85R"))),
+        ("pickle calls _rebuild_tensor_v2", Box::new(|saved| _ = saved.rebuild().op(b"NNNNNNtR"))),
+        ("pickle calls a storage", Box::new(|saved| _ = saved.op(b"(NNNNNtQ"))),
+        ("has 9 dimensions, expected at most 8", Box::new(move |saved| tensor(saved, 8, &[1; 9], &[1; 9]))),
+        ("reaches beyond its storage of 8 elements", Box::new(move |saved| tensor(saved, 8, &[9], &[1]))),
+        (
+            "reaches beyond its storage of 8 elements",
+            Box::new(move |saved| tensor(saved, 8, &[i64::MAX, i64::MAX], &[i64::MAX, i64::MAX])),
+        ),
+    ];
+    for (message, build) in cases {
+        let found = error_of(build);
+        assert!(found.contains(message), "{found} instead of {message}");
+    }
+}
+
+#[test]
+fn a_storage_that_is_absent_or_of_another_length_is_named() {
+    for (elements, stored, message) in
+        [(8, 7, "is said to have 8 elements of 4 bytes, but has 28 bytes"), (8, 0, "")]
+    {
+        let mut saved = Saved::new();
+        saved.op(b"](}(").text("key").text("s").text("images").op(b"](");
+        let bytes = png(20, 10);
+        saved.tensor(&Elements::U8(&bytes), &[bytes.len() as i64]).op(b"e").text("cameras").rebuild();
+        saved.storage("FloatStorage", vec![0; stored * 4], elements).view(0, &[1, 18], &[0, 0]).op(b"ue");
+        let message = if stored == 0 {
+            saved.storages.pop();
+            "archive has no entry archive/data/1"
+        } else {
+            message
+        };
+        let folder = Folder::new();
+        let path = folder.path("a.torch");
+        saved.write(&path);
+        let ledger = ledger(&open_chunks(&path).unwrap());
+        assert!(ledger[0].contains(message), "{ledger:?}");
+    }
+}
+
+#[test]
+fn deep_nesting_and_memo_bombs_end_without_recursion() {
+    // A million lists within each other; lists that each hold the one before twice (2^200 items if expanded).
+    let folder = Folder::new();
+    let path = folder.path("a.torch");
+    let mut saved = Saved::new();
+    saved.op(&b"](".repeat(1_000_000)).op(&b"e".repeat(1_000_000)).write(&path);
+    assert!(ledger(&open_chunks(&path).unwrap())[0].ends_with("the scene is list, expected dict"));
+    let mut saved = Saved::new();
+    saved.op(b"]q\0");
+    for slot in 0..200u8 {
+        saved.op(&[b']', b'q', slot + 1, b'(', b'h', slot, b'h', slot, b'e']);
+    }
+    saved.write(&path);
+    assert!(open_chunks(&path).unwrap().scenes.is_empty());
+    // A list that holds itself.
+    let mut saved = Saved::new();
+    saved.op(b"]q\0h\0a").write(&path);
+    assert!(open_chunks(&path).unwrap().scenes.is_empty());
+    // A pickle beyond the limit is not read.
+    let long = error_of(|saved| _ = saved.op(&vec![b'N'; 9 << 20]));
+    assert!(long.contains("expected at most 8388608"), "{long}");
+}
+
+/// A valid chunk to damage.
+fn sound() -> Vec<u8> {
+    std::fs::read(fixtures().join("000001.torch")).unwrap()
+}
+
+/// Opens bytes as a chunk and loads what opens; whatever they are, this returns.
+fn survives(bytes: &[u8]) {
+    let folder = Folder::new();
+    let path = folder.path("a.torch");
+    std::fs::write(&path, bytes).unwrap();
+    let Ok(scenes) = open_chunks(&path) else { return };
+    for scene in &scenes.scenes {
+        for position in 0..scene.frames.len() {
+            drop(scene.load_views(&[position], None));
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn damaged_chunks_never_panic(
+        flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4),
+        cut in proptest::option::of(any::<prop::sample::Index>()),
+        splice in proptest::option::of((any::<prop::sample::Index>(), any::<prop::sample::Index>(), 1usize..64)),
+    ) {
+        let mut bytes = sound();
+        for (at, value) in flips {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        if let Some((from, to, length)) = splice {
+            let from = from.index(bytes.len() - length);
+            let piece = bytes[from..from + length].to_vec();
+            let to = to.index(bytes.len());
+            bytes.splice(to..to, piece);
+        }
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(bytes.len()));
+        }
+        survives(&bytes);
+    }
+
+    /// Programs of the opcodes that are read, with arguments that are mostly short: past the checksum, into the machine.
+    #[test]
+    fn random_pickles_never_panic(program in proptest::collection::vec(opcode(), 0..60)) {
+        let mut saved = Saved::new();
+        saved.op(b"](");
+        Scene::new("s", 1).save(&mut saved);
+        for piece in program {
+            saved.op(&piece);
+        }
+        let folder = Folder::new();
+        let path = folder.path("a.torch");
+        saved.write(&path);
+        survives(&std::fs::read(&path).unwrap());
+    }
+}
+
+fn opcode() -> impl Strategy<Value = Vec<u8>> {
+    let plain = proptest::sample::select(b"(0N1]})ldtaesuRQ2.\x88\x89\x85\x86\x87\x93\x94".to_vec());
+    let with_byte = (proptest::sample::select(b"Kqh\x8c\x8a\x80".to_vec()), 0u8..6);
+    let storage = "(X\x07\0\0\0storagectorch\nByteStorage\nX\x01\0\0\0";
+    let words: Vec<Vec<u8>> = vec![
+        b"ctorch._utils\n_rebuild_tensor_v2\n".to_vec(),
+        b"ccollections\nOrderedDict\n".to_vec(),
+        [storage.as_bytes(), b"0X\x03\0\0\0cpuK\x01tQ"].concat(),
+        b"X\x06\0\0\0images".to_vec(),
+        b"X\x03\0\0\0key".to_vec(),
+        b"X\x07\0\0\0cameras".to_vec(),
+        b"e".to_vec(),
+        b"u".to_vec(),
+    ];
+    prop_oneof![
+        4 => plain.prop_map(|byte| vec![byte]),
+        3 => with_byte.prop_map(|(opcode, value)| vec![opcode, value]),
+        3 => proptest::sample::select(words),
+        1 => any::<Vec<u8>>().prop_map(|bytes| bytes.into_iter().take(9).collect()),
+    ]
+}
+
+#[test]
+fn rules_of_files_can_be_told_apart() {
+    let error = open_chunks(&fixtures().join("legacy.pt")).unwrap_err();
+    assert!(matches!(error, Error::Torch { rule: TorchRule::Legacy, .. }));
+}
