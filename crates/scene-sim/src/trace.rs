@@ -19,7 +19,8 @@ use crate::texture::Texture;
 use body::{Body, Skin};
 use glam::{DMat3, DVec3, Vec3A};
 pub use ledger::{Dropped, Omission};
-use lights::{SkyLight, SunLight};
+pub(crate) use lights::on_disc;
+use lights::{LampLight, SkyLight, SunLight};
 use mesh::PlacedMesh;
 use obvhs::cwbvh::CwBvh;
 use obvhs::ray::{Ray, RayHit};
@@ -48,6 +49,8 @@ pub struct Traced {
     bodies: Vec<Body>,
     hierarchy: Option<CwBvh>,
     pub(crate) sun: Option<SunLight>,
+    /// In the order of the scene.
+    pub(crate) lamps: Vec<LampLight>,
     pub(crate) sky: SkyLight,
     dropped: Vec<Dropped>,
 }
@@ -86,7 +89,6 @@ pub(crate) enum Met<'a> {
     /// A surface with a material.
     Surface(Surface<'a>),
     /// The front of this lamp of the scene.
-    #[allow(dead_code)] // Until shading asks which.
     Lamp(usize),
 }
 
@@ -103,7 +105,6 @@ pub(crate) struct Surface<'a> {
     pub(crate) to_local: DMat3,
     /// Whether there is nothing behind it but its other side: a plate without thickness, or a mesh that is not closed
     /// (told for glass only). What is closed has an inside.
-    #[allow(dead_code)] // Until glass is shaded.
     pub(crate) is_thin: bool,
     /// Towards where the ray came from, unit length.
     backwards: DVec3,
@@ -112,6 +113,11 @@ pub(crate) struct Surface<'a> {
 }
 
 impl Surface<'_> {
+    /// Whether a ray in this direction met it from inside its body.
+    pub(crate) fn is_from_inside(&self, direction: DVec3) -> bool {
+        self.point.normal.dot(self.to_local * direction) > 0.0
+    }
+
     /// Where a ray that leaves the surface in this direction, on either of its sides, may start without meeting the
     /// surface itself: off the surface, and a little back along the ray that met it (on along it, if the new ray goes
     /// through). What that ray passed is free, so the start lies within a corner, not behind its other walls.

@@ -2,7 +2,7 @@
 
 use super::body::Body;
 use super::ledger::{Dropped, Omission};
-use super::lights::{SkyLight, SunLight};
+use super::lights::{LampLight, SkyLight, SunLight};
 use super::mesh::LooseMesh;
 use super::{MARGIN, Slot, Traced};
 use crate::check::check;
@@ -81,6 +81,7 @@ impl Traced {
             bodies,
             hierarchy: None,
             sun: scene.sun.as_ref().and_then(SunLight::new),
+            lamps: scene.lamps.iter().map(LampLight::new).collect(),
             sky: SkyLight::new(&scene.sky),
             dropped,
         };
