@@ -1,8 +1,9 @@
 //! The rules that a description must keep, each with an error that names the place.
 
+use crate::check_lights::check_lights;
 use crate::{
-    Error, Finish, Lamp, Material, Mesh, MeshSource, Occlusion, Pattern, Primitive, Result, Rgb,
-    SCENE_VERSION, Scene, Shape,
+    Error, Material, Mesh, MeshSource, Pattern, Photographs, Primitive, Result, Rgb, SCENE_VERSION, Scene,
+    Shape,
 };
 use glam::DVec3;
 
@@ -45,19 +46,19 @@ impl<'a> Place<'a> {
     }
 
     /// A length that a pattern divides by.
-    fn period(&self, field: &'static str, value: f64) -> Result<()> {
+    pub(crate) fn period(&self, field: &'static str, value: f64) -> Result<()> {
         self.rule((1e-6..=FARTHEST).contains(&value), field, value, "1e-6 to 1e9")
     }
 
-    fn share(&self, field: &'static str, value: f32) -> Result<()> {
+    pub(crate) fn share(&self, field: &'static str, value: f32) -> Result<()> {
         self.rule((0.0..=1.0).contains(&value), field, value.into(), "0 to 1")
     }
 
-    fn strength(&self, field: &'static str, value: f32) -> Result<()> {
+    pub(crate) fn strength(&self, field: &'static str, value: f32) -> Result<()> {
         self.rule((0.0..=1e6).contains(&value), field, value.into(), "0 to 1e6")
     }
 
-    fn colour(&self, field: &'static str, colour: Rgb) -> Result<()> {
+    pub(crate) fn colour(&self, field: &'static str, colour: Rgb) -> Result<()> {
         colour.into_iter().try_for_each(|channel| self.share(field, channel))
     }
 
@@ -126,9 +127,7 @@ impl<'a> Place<'a> {
 
     fn material(&self, material: &Material) -> Result<()> {
         self.share("mottle", material.mottle)?;
-        if let Finish::Glass { index } = material.finish {
-            self.rule((1.0..=3.0).contains(&index), "index", index, "1 to 3")?;
-        }
+        self.finish(material.finish)?;
         self.pattern(&material.pattern)
     }
 
@@ -140,14 +139,6 @@ impl<'a> Place<'a> {
         let MeshSource::Inline { vertices, colours, .. } = &mesh.source else { return Ok(()) };
         vertices.iter().try_for_each(|vertex| self.point("vertices", *vertex * mesh.scale))?;
         colours.iter().try_for_each(|colour| self.colour("colours", *colour))
-    }
-
-    fn lamp(&self, lamp: &Lamp) -> Result<()> {
-        self.point("centre", lamp.centre)?;
-        self.point("rotation", lamp.rotation)?;
-        lamp.size.to_array().into_iter().try_for_each(|v| self.extent("size", v))?;
-        self.colour("colour", lamp.colour)?;
-        self.strength("strength", lamp.strength)
     }
 }
 
@@ -162,26 +153,6 @@ pub(crate) fn check(scene: &Scene) -> Result<()> {
     for (index, mesh) in scene.meshes.iter().enumerate() {
         Place::new(&|| format!("mesh {index} ({})", mesh.name)).mesh(mesh)?;
     }
-    for (index, lamp) in scene.lamps.iter().enumerate() {
-        Place::new(&|| format!("lamp {index} ({})", lamp.name)).lamp(lamp)?;
-    }
-    if let Some(sun) = &scene.sun {
-        let name = || "sun".to_owned();
-        let place = Place::new(&name);
-        place.point("towards", sun.towards)?;
-        let length = sun.towards.length();
-        place.rule(length > 1e-9, "length of towards", length, "more than 0")?;
-        place.colour("colour", sun.colour)?;
-        place.strength("strength", sun.strength)?;
-        place.rule((0.0..=90.0).contains(&sun.diameter), "diameter", sun.diameter, "0 to 90 degrees")?;
-    }
-    let name = || "sky".to_owned();
-    let place = Place::new(&name);
-    place.colour("zenith", scene.sky.zenith)?;
-    place.colour("horizon", scene.sky.horizon)?;
-    place.colour("ground", scene.sky.ground)?;
-    place.strength("light", scene.sky.light)?;
-    let Some(Occlusion { reach, rays }) = scene.sky.occlusion else { return Ok(()) };
-    place.period("reach of occlusion", reach)?;
-    place.rule((1..=256).contains(&rays), "rays of occlusion", rays.into(), "1 to 256")
+    check_lights(scene)?;
+    scene.photographs.as_ref().map_or(Ok(()), Photographs::check)
 }

@@ -73,6 +73,22 @@ pub enum Error {
         /// What is allowed.
         most: u64,
     },
+    /// A lens whose distortion takes two directions to one place of the picture, or none.
+    #[error("photographs: the distortion has no inverse at pixel ({x}, {y})")]
+    Folded {
+        /// Pixels from the left edge.
+        x: f64,
+        /// Pixels from the top edge.
+        y: f64,
+    },
+    /// A picture that is not one of the photographs.
+    #[error("photographs: picture {found} is asked for, there are {count}, counted from 0")]
+    Picture {
+        /// The number given.
+        found: usize,
+        /// How many there are.
+        count: usize,
+    },
     /// A camera, image or view that gs-scene refuses.
     #[error(transparent)]
     Scene(#[from] gs_scene::Error),

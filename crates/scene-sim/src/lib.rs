@@ -3,6 +3,7 @@
 mod error;
 
 mod check;
+mod check_lights;
 mod demo;
 mod light;
 mod material;
@@ -24,7 +25,7 @@ pub use light::{Lamp, Occlusion, Sky, Sun};
 pub use material::{Finish, Material, Pattern, Rgb};
 pub use mesh::{Mesh, MeshSource};
 pub use photographs::{Aperture, Exposure, Photographs, SensorNoise};
-pub use render::{RayCounts, render_counted, render_view};
+pub use render::{Photograph, RayCounts, photograph, photograph_with_light, render_counted, render_view};
 pub use scene::{Primitive, SCENE_VERSION, Scene, Shape};
 pub use trace::{Dropped, Omission, Traced};
 pub use trajectory::{Trajectory, lens};

@@ -4,11 +4,15 @@ mod beam;
 mod counts;
 mod draws;
 mod film;
+mod lens_rays;
 mod optics;
+mod photograph;
 mod rays;
+mod sensor;
 mod shade;
 
 pub use counts::RayCounts;
+pub use photograph::{Photograph, photograph, photograph_with_light};
 
 use crate::noise::{hash, unit};
 use crate::trace::Traced;

@@ -6,7 +6,7 @@ use super::draws::{Draws, Purpose};
 use super::optics::Border;
 use crate::trace::{Met, PathRay, Surface, Traced};
 use crate::{Finish, Occlusion};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 /// A ray is thrown back and bent at most so many times; what would come after that is dark.
 const MOST_BOUNCES: u32 = 8;
