@@ -5,12 +5,18 @@
 
 /// Depth against closed forms, at the origin and far from it, and scenes at the edge of what is allowed.
 mod depth;
+/// What each effect takes, all of them at once, and their wrong descriptions.
+mod effects;
 /// Descriptions that are wrong, and the error each of them gets.
 mod errors;
 /// Leaves and their holes.
 mod foliage;
 /// Light, shadow, ray counts and determinism.
 mod light;
+/// Photographs: lens, shutter, exposure, noise.
+mod photographs;
+/// Lamps, soft shadows, occlusion, mirrors and glass against closed forms.
+mod shading;
 /// The views of the demonstration: overlap and agreement between them.
 mod views;
 
