@@ -115,14 +115,14 @@ impl Shader<'_> {
 
     /// What a white matte surface shows of the light that it receives.
     fn received(&mut self, surface: &Surface<'_>, draws: Draws) -> Vec3 {
-        let mut sum = self.from_all_sides(surface, draws) + self.sunlight(surface, draws);
+        let mut sum = self.skylight(surface, draws) + self.sunlight(surface, draws);
         for index in 0..self.scene.lamps.len() {
             sum += self.lamplight(surface, index, draws);
         }
         sum
     }
 
-    fn from_all_sides(&mut self, surface: &Surface<'_>, draws: Draws) -> Vec3 {
+    fn skylight(&mut self, surface: &Surface<'_>, draws: Draws) -> Vec3 {
         let ambient = self.scene.sky.ambient(surface.normal);
         match self.scene.sky.occlusion {
             None => ambient,

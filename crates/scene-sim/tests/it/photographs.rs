@@ -1,9 +1,9 @@
-use super::{GREY, SKY, SUN, body, depth, luma, scene};
+use super::{GREY, SKY, body, depth, scene};
 use glam::{DVec2, DVec3};
 use gs_scene::Distortion;
 use scene_sim::{
-    Aperture, Exposure, Finish, Lamp, Occlusion, Pattern, Photograph, Photographs, Primitive, RayCounts,
-    Scene, SensorNoise, Shape, Sky, Sun, Traced, Trajectory, photograph, photograph_with_light, render_view,
+    Aperture, Exposure, Finish, Pattern, Photograph, Photographs, Primitive, Scene, SensorNoise, Shape, Sky,
+    Traced, Trajectory, photograph, photograph_with_light, render_view,
 };
 
 pub(super) const BARREL: Distortion = Distortion { k1: -0.2, k2: 0.04, k3: 0.0, p1: 0.003, p2: -0.002 };
@@ -83,7 +83,7 @@ fn a_plain_photograph_has_the_poses_and_depths_of_plain_views() {
         let view = render_view(&traced, camera, 1, "view", 0).unwrap();
         assert_eq!(taken.view.depth(), view.depth());
         assert_eq!((taken.gains, taken.light.is_none()), ([1.0; 3], true));
-        assert!(taken.lens.distortion.is_zero());
+        assert!(taken.lens.model.is_pinhole());
     }
     let one = Photographs { count: 1, ..plain() };
     assert!((take(&traced, &one, 0).view.camera().position()).length() < 1e-9);
