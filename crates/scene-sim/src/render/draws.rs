@@ -7,9 +7,9 @@ use glam::DVec2;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Draws {
     pub(super) pixel: [u32; 2],
-    /// Which of the samples of the pixel, and how many there are.
+    /// Which of the samples of the pixel, and the columns and rows of their grid.
     pub(super) index: u32,
-    pub(super) count: u32,
+    pub(super) strata: [u32; 2],
     pub(super) seed: u32,
 }
 
@@ -35,29 +35,46 @@ impl Purpose {
     }
 }
 
-/// One over the plastic number, and its square: the additive recurrence with these steps fills the unit square evenly
-/// (M. Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
-const STEPS: DVec2 = DVec2::new(0.754_877_666_246_692_7, 0.569_840_290_998_053_3);
-
 impl Draws {
-    /// A point of the unit square; those of all samples of the pixel fill it evenly, in an order that has nothing to
-    /// do with where in the pixel the samples lie.
+    /// A point of the unit square. Those of all samples of the pixel fill it evenly, in an order that has nothing to do
+    /// with where in the pixel the samples lie.
     pub(super) fn point(&self, purpose: Purpose) -> DVec2 {
-        self.points(purpose, 1).next().unwrap_or_default()
+        let bits = self.bits(purpose);
+        let [columns, rows] = self.strata;
+        jittered(permuted(self.index, columns * rows, bits), self.strata, bits)
     }
 
     /// As [`Draws::point`], with `parts` points for this sample.
-    pub(super) fn points(&self, purpose: Purpose, parts: u32) -> impl Iterator<Item = DVec2> {
-        let bits = hash(self.pixel[0], self.pixel[1], purpose.code(), self.seed);
-        let shift = DVec2::new(unit(bits), unit(hash(bits, 1, 0, self.seed)));
-        let first = f64::from(permuted(self.index, self.count, bits)) * f64::from(parts);
-        (0..parts).map(move |part| (shift + STEPS * (first + f64::from(part))).fract())
+    pub(super) fn points(self, purpose: Purpose, parts: u32) -> impl Iterator<Item = DVec2> {
+        let bits = self.bits(purpose);
+        let columns = self.strata[0] * self.strata[1];
+        let column = permuted(self.index, columns, bits);
+        (0..parts).map(move |part| jittered(part * columns + column, [columns, parts], bits))
+    }
+
+    fn bits(&self, purpose: Purpose) -> u32 {
+        hash(self.pixel[0], self.pixel[1], purpose.code(), self.seed)
     }
 
     /// The numbers of a ray that follows this one.
     pub(super) fn next(self, branch: u32) -> Self {
         Self { seed: hash(branch, 0x61, 0, self.seed), ..self }
     }
+}
+
+/// A place in cell `index` of a grid of columns and rows on the unit square: at random, but so that all of them have
+/// different x and y even on a grid with a column, and one with a row, for each of them (A. Kensler, "Correlated
+/// Multi-Jittered Sampling", 2013).
+fn jittered(index: u32, [columns, rows]: [u32; 2], bits: u32) -> DVec2 {
+    let (column, row) = (index % columns, index / columns);
+    let own = hash(index, 1, 0x62, bits);
+    let jitter = DVec2::new(unit(own), unit(hash(own, 2, 0x62, bits)));
+    let within = DVec2::new(
+        f64::from(permuted(row, rows, hash(bits, 3, 0x62, 0))) + jitter.x,
+        f64::from(permuted(column, columns, hash(bits, 4, 0x62, 0))) + jitter.y,
+    );
+    let (columns, rows) = (f64::from(columns), f64::from(rows));
+    DVec2::new((f64::from(column) + within.x / rows) / columns, (f64::from(row) + within.y / columns) / rows)
 }
 
 /// Where `index` of 0..count goes in one of many shuffled orders.
@@ -95,16 +112,32 @@ mod tests {
 
     #[test]
     fn points_fill_the_square_more_evenly_than_chance() {
-        // Variance of the mean of x y (1/4) over 16 samples: chance gives 7 / 144 / 16.
-        let mut error = 0.0;
-        let pixels = 400;
-        for pixel in 0..pixels {
-            let draws = |index| Draws { pixel: [pixel, 9], index, count: 16, seed: 4 };
-            let points = (0..16).map(|index| draws(index).point(Purpose::Lamp(2)));
-            let mean = points.map(|p| p.x * p.y).sum::<f64>() / 16.0;
-            error += (mean - 0.25).powi(2) / f64::from(pixels);
+        for (strata, parts) in [([4, 4], 1), ([7, 1], 1), ([3, 3], 4), ([1, 1], 9)] {
+            let count = strata[0] * strata[1];
+            let mut error = 0.0;
+            let pixels = 400;
+            for pixel in 0..pixels {
+                let draws = |index| Draws { pixel: [pixel, 9], index, strata, seed: 4 };
+                let points: Vec<DVec2> = (0..count)
+                    .flat_map(|index| match parts {
+                        1 => vec![draws(index).point(Purpose::Lamp(2))],
+                        _ => draws(index).points(Purpose::Occlusion, parts).collect(),
+                    })
+                    .collect();
+                let n = points.len() as u32;
+                for values in
+                    [points.iter().map(|p| p.x).collect::<Vec<_>>(), points.iter().map(|p| p.y).collect()]
+                {
+                    let mut cells: Vec<u32> = values.iter().map(|v| (v * f64::from(n)) as u32).collect();
+                    cells.sort_unstable();
+                    assert!(cells.iter().copied().eq(0..n), "{cells:?}");
+                }
+                let mean = points.iter().map(|p| p.x * p.y).sum::<f64>() / f64::from(n);
+                error += (mean - 0.25).powi(2) / f64::from(pixels);
+            }
+            // Variance of the mean of x y by chance.
+            let chance = 7.0 / 144.0 / f64::from(count * parts);
+            assert!(error < 0.35 * chance, "{error} of {chance}, {count} samples");
         }
-        let chance: f64 = 7.0 / 144.0 / 16.0;
-        assert!(error < 0.2 * chance, "{error} of {chance}");
     }
 }

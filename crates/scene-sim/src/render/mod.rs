@@ -133,7 +133,7 @@ impl<R: CameraRays, F: Film> Renderer<'_, R, F> {
             let jitter = DVec2::new(unit(bits), unit(hash(bits, 1, 0, self.seed)));
             let stratum = DVec2::new(f64::from(index % columns), f64::from(index / columns));
             let within = (stratum + jitter) / DVec2::new(f64::from(columns), f64::from(rows));
-            let draws = Draws { pixel: [x as u32, y as u32], index, count, seed: self.seed };
+            let draws = Draws { pixel: [x as u32, y as u32], index, strata: self.strata, seed: self.seed };
             counts.primary += 1;
             let beam = self.rays.colour([x, y], within, &draws, counts);
             let light = shade::light(self.scene, &beam, draws, counts);
