@@ -7,9 +7,7 @@ use gs_scene::Distortion;
 impl Place<'_> {
     pub(crate) fn finish(&self, finish: Finish) -> Result<()> {
         match finish {
-            Finish::Glass { index } => {
-                self.rule((1.0..=3.0).contains(&index), "index of refraction", index, "1 to 3")
-            }
+            Finish::Glass { index } => self.rule((1.0..=3.0).contains(&index), "index", index, "1 to 3"),
             Finish::Matte | Finish::Mirror | Finish::Baked => Ok(()),
         }
     }

@@ -199,7 +199,7 @@ fn wrong_photographs_and_lights_are_errors_that_name_the_field() {
         let mut scene = everything().0;
         scene.primitives[1].material.finish = Finish::Glass { index };
         let message = Traced::new(&scene).err().unwrap().to_string();
-        assert_eq!(message, format!("primitive 1 (ball): index of refraction is {text}, expected 1 to 3"));
+        assert_eq!(message, format!("primitive 1 (ball): index is {text}, expected 1 to 3"));
     }
 }
 
