@@ -48,6 +48,21 @@ pub enum Error {
         /// Views asked for.
         views: usize,
     },
+    /// Fewer pictures are there than views are asked for, because some are missing.
+    #[error(
+        "{}: {views} views asked for, but of {} frames {} have no picture (missing: {})",
+        path.display(), present + missing.len(), missing.len(), missing.join(", ")
+    )]
+    TooFewPictures {
+        /// The data set.
+        path: PathBuf,
+        /// Views asked for.
+        views: usize,
+        /// Frames with a picture.
+        present: usize,
+        /// Names of those without.
+        missing: Vec<String>,
+    },
     /// A window that the index does not have.
     #[error("{}: no window {key:?}, only: {known}", index.display())]
     NoWindow {
@@ -58,26 +73,21 @@ pub enum Error {
         /// The keys there are.
         known: String,
     },
-    /// A folder without data to evaluate.
-    #[error(
-        "{}: no transforms.json, and no sub-folder with transforms.json and evaluation_index.json",
-        root.display()
-    )]
-    NoScenes {
-        /// The folder.
-        root: PathBuf,
-    },
-    /// A folder that cannot be listed.
-    #[error("{}: cannot list the folder", root.display())]
-    List {
-        /// The folder.
-        root: PathBuf,
-        /// Why.
-        #[source]
-        source: std::io::Error,
+    /// A window that is left out.
+    #[error("{}: window {key:?} is left out: {reason}", index.display())]
+    DroppedWindow {
+        /// The index file.
+        index: PathBuf,
+        /// What was asked for.
+        key: String,
+        /// Why it is left out.
+        reason: String,
     },
     /// `--depth-range hint` on a data set that does not say.
-    #[error("{}: no scene_depth_percentiles with 0.5 and 99.5, which --depth-range hint needs", path.display())]
+    #[error(
+        "{}: no scene_depth_percentiles, points or measured depth, one of which --depth-range hint needs",
+        path.display()
+    )]
     NoDepthHint {
         /// The data set.
         path: PathBuf,

@@ -1,5 +1,6 @@
 //! The figures of a window, and their means: over targets, then windows, then scenes.
 
+use crate::Window;
 use crate::method::Refinement;
 use crate::plan::scene_of;
 use serde::{Serialize, Serializer};
@@ -231,6 +232,8 @@ pub struct WindowRow {
     pub context: Vec<usize>,
     /// Positions of the held-out targets.
     pub targets: Vec<usize>,
+    /// SHA-256 of the views: names, cameras, pictures.
+    pub data_sha256: String,
     /// Mean over the seeds.
     #[serde(flatten)]
     pub figures: Figures,
@@ -244,10 +247,19 @@ pub struct WindowRow {
 impl WindowRow {
     /// A window's row from its runs, one per seed.
     #[must_use]
-    pub fn new(name: String, context: Vec<usize>, targets: Vec<usize>, seeds: Vec<WindowFigures>) -> Self {
+    pub fn new(window: &Window, seeds: Vec<WindowFigures>) -> Self {
         let all: Vec<Figures> = seeds.iter().map(|run| run.figures).collect();
         let (figures, spread) = (Figures::mean(&all), Spread::of(&all));
-        Self { name, views: context.len(), context, targets, figures, spread, seeds }
+        Self {
+            name: window.name.clone(),
+            views: window.context.len(),
+            context: window.context_positions.clone(),
+            targets: window.target_positions.clone(),
+            data_sha256: window.sha256(),
+            figures,
+            spread,
+            seeds,
+        }
     }
 
     /// The scene: the name before the last slash.
@@ -279,6 +291,8 @@ pub struct Dropped {
     pub name: String,
     /// Why.
     pub reason: String,
+    /// Whether something failed. An index that leaves a scene out by itself is no failure.
+    pub failed: bool,
 }
 
 impl Dropped {
@@ -287,7 +301,7 @@ impl Dropped {
     pub fn new(name: &str, error: &dyn std::error::Error) -> Self {
         let causes = std::iter::successors(Some(error), |error| error.source());
         let reason = causes.map(ToString::to_string).collect::<Vec<_>>().join(": ");
-        Self { name: name.to_owned(), reason }
+        Self { name: name.to_owned(), reason, failed: true }
     }
 }
 
@@ -351,7 +365,15 @@ pub(crate) mod tests {
             per_target: vec![],
         };
         let seeds = psnrs.iter().enumerate().map(run).collect();
-        WindowRow::new(name.to_owned(), vec![0, 2], vec![1], seeds)
+        let window = Window {
+            name: name.to_owned(),
+            context: Vec::new(),
+            targets: Vec::new(),
+            context_positions: vec![0, 2],
+            target_positions: vec![1],
+            load_seconds: 0.0,
+        };
+        WindowRow::new(&window, seeds)
     }
 
     #[test]

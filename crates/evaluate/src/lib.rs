@@ -10,6 +10,7 @@ mod render;
 mod window;
 
 mod figures;
+mod hash;
 mod protocol;
 mod recipe;
 mod table;
@@ -26,12 +27,12 @@ pub use figures::{
 };
 pub use method::{Method, Refinement};
 pub use picture::{DepthScale, ERROR_GAIN, Picture};
-pub use plan::{Choice, Plan, Reading};
+pub use plan::{ALONG_A_VIDEO, Choice, Plan, Reading, Windows};
 pub use plot::refinement_plot;
 pub use protocol::{Baselines, Evaluation, Event, NearestView, PROTOCOL, evaluate};
 pub use recipe::{Machine, Recipe, peak_rss_bytes};
 pub use render::{Rendered, render_ellipsoids, render_view};
 pub use report::{PictureLimits, Report};
-pub use simulated::{SIMULATED_SIZE, simulated_window};
+pub use simulated::{SIMULATED_SIZE, SimulatedScene, simulated_window};
 pub use table::{Table, count, decibel, figures_table, number};
 pub use window::{Outcome, Step, Window, reconstruct_window, run_window};

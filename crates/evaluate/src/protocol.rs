@@ -2,7 +2,7 @@
 
 use crate::figures::{Dropped, MeanRow, WindowRow, means};
 use crate::window::run_window;
-use crate::{Method, Outcome, Plan, Step, Window};
+use crate::{Method, Outcome, Plan, Step, Window, hash};
 use gs_raster::Rasterizer;
 use serde::Serialize;
 
@@ -53,6 +53,8 @@ pub struct Evaluation {
     pub baselines: Baselines,
     /// Windows without figures.
     pub dropped: Vec<Dropped>,
+    /// SHA-256 of the windows' own, in their order: equal for equal data.
+    pub data_sha256: String,
 }
 
 /// Figures of methods that do nothing.
@@ -95,7 +97,9 @@ pub fn evaluate(
     }
     let (scenes, mean) = means(&windows);
     let nearest_view = NearestView { psnr_held_out: mean.figures.psnr_nearest_view };
-    Evaluation { protocol: PROTOCOL, windows, scenes, mean, baselines: Baselines { nearest_view }, dropped }
+    let data_sha256 = hash::of_all(windows.iter().map(|window| window.data_sha256.as_str()));
+    let baselines = Baselines { nearest_view };
+    Evaluation { protocol: PROTOCOL, windows, scenes, mean, baselines, dropped, data_sha256 }
 }
 
 fn run_plan(
@@ -123,5 +127,5 @@ fn run_plan(
         on_event(Event::Done { window: &window, outcome: &outcome });
         runs.push(outcome.figures);
     }
-    Ok(WindowRow::new(window.name, window.context_positions, window.target_positions, runs))
+    Ok(WindowRow::new(&window, runs))
 }

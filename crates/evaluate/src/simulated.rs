@@ -1,52 +1,68 @@
-//! The simulated window: ray-traced, nothing to download.
+//! Simulated windows: ray-traced, nothing to download.
 
 use crate::{Result, Window};
 use gs_scene::{Camera, View};
 use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
+use std::fmt;
 
 /// Size of the simulated photographs, pixels.
 pub const SIMULATED_SIZE: (usize, usize) = (480, 320);
 
-/// Name of the window.
-pub(crate) const NAME: &str = "courtyard/0";
+/// A simulated scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SimulatedScene {
+    /// The scene of the demonstration.
+    Courtyard,
+}
 
-/// Rays per pixel: enough that edges are smooth.
+impl fmt::Display for SimulatedScene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Courtyard => f.write_str("courtyard"),
+        }
+    }
+}
+
+/// Rays per pixel of the demonstration: enough that edges are smooth.
 const SAMPLES: u32 = 9;
 
 /// Seed of the rays: a photograph does not depend on how it is sampled later.
 const SEED: u64 = 0;
 
-/// The demonstration as a window: six context views and the held-out views between them, with exact depth. Ray tracing
+/// A simulated scene as a window: six context views and the five held-out views between them, with exact depth. Ray tracing
 /// stands for taking the photographs: it does not count as loading.
 ///
 /// # Errors
 /// If the size is empty.
-pub fn simulated_window(size: (usize, usize)) -> Result<Window> {
-    let scene = Traced::new(&demo_scene())?;
-    let (context_cameras, target_cameras) = demo_cameras(size.0, size.1)?;
-    // Along the path, context and target views take turns.
-    let context_positions: Vec<usize> = (0..context_cameras.len()).map(|i| 2 * i).collect();
-    let target_positions: Vec<usize> = (0..target_cameras.len()).map(|i| 2 * i + 1).collect();
-    let views = |cameras: &[Camera], positions: &[usize]| -> Result<Vec<View>> {
-        let view = |(camera, position): (&Camera, &usize)| {
-            Ok(render_view(&scene, camera, SAMPLES, format!("view-{position:02}"), SEED)?)
-        };
-        cameras.iter().zip(positions).map(view).collect()
+pub fn simulated_window(scene: SimulatedScene, size: (usize, usize)) -> Result<Window> {
+    let views = match scene {
+        SimulatedScene::Courtyard => courtyard(size)?,
     };
-    Ok(Window {
-        context: views(&context_cameras, &context_positions)?
-            .into_iter()
-            .map(eight_bits)
-            .collect::<Result<_>>()?,
-        targets: views(&target_cameras, &target_positions)?
-            .into_iter()
-            .map(eight_bits)
-            .collect::<Result<_>>()?,
-        name: NAME.to_owned(),
-        context_positions,
-        target_positions,
+    let mut window = Window {
+        name: format!("{scene}/0"),
+        context: Vec::new(),
+        targets: Vec::new(),
+        context_positions: (0..views.len()).step_by(2).collect(),
+        target_positions: (1..views.len()).step_by(2).collect(),
         load_seconds: 0.0,
-    })
+    };
+    for (position, view) in views.into_iter().enumerate() {
+        let list = if position % 2 == 0 { &mut window.context } else { &mut window.targets };
+        list.push(eight_bits(view)?);
+    }
+    Ok(window)
+}
+
+fn courtyard(size: (usize, usize)) -> Result<Vec<View>> {
+    let scene = Traced::new(&demo_scene())?;
+    let (context, targets) = demo_cameras(size.0, size.1)?;
+    let camera =
+        |position: usize| if position % 2 == 0 { context[position / 2] } else { targets[position / 2] };
+    let view = |position| -> Result<View> {
+        let camera: Camera = camera(position);
+        Ok(render_view(&scene, &camera, SAMPLES, format!("view-{position:02}"), SEED)?)
+    };
+    (0..context.len() + targets.len()).map(view).collect()
 }
 
 /// A view as a camera would store it: the tables compare with 8-bit photographs.
@@ -62,7 +78,7 @@ mod tests {
 
     #[test]
     fn targets_lie_between_context_views() {
-        let window = simulated_window((24, 16)).unwrap();
+        let window = simulated_window(SimulatedScene::Courtyard, (24, 16)).unwrap();
         assert_eq!((window.context.len(), window.targets.len()), (6, 5));
         let x = |view: &View| view.camera().position().x;
         for (i, target) in window.targets.iter().enumerate() {

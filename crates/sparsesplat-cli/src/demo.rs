@@ -8,8 +8,8 @@ use crate::summary::{counts_line, memory_line, print, print_line, refinement_lin
 use crate::{output, threads};
 use clap::Args;
 use evaluate::{
-    Picture, PictureLimits, Recipe, Report, SIMULATED_SIZE, WindowRow, figures_table, means, peak_rss_bytes,
-    run_window, simulated_window,
+    Picture, PictureLimits, Recipe, Report, SIMULATED_SIZE, SimulatedScene, WindowRow, figures_table, means,
+    peak_rss_bytes, run_window, simulated_window,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -63,7 +63,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let progress = Progress::new(1);
     progress.say("ray-tracing the photographs");
     let begin = Instant::now();
-    let window = simulated_window(arguments.size.unwrap_or(SIMULATED_SIZE)).or_input()?;
+    let window =
+        simulated_window(SimulatedScene::Courtyard, arguments.size.unwrap_or(SIMULATED_SIZE)).or_input()?;
     let simulation = begin.elapsed().as_secs_f64();
     let mut outcome = run_window(&window, &method, &mut rasterizer, &mut |step| progress.say(describe(step)))
         .map_err(Failure::sorted)?;
@@ -90,12 +91,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
     let peak = peak_rss_bytes();
     let recipe = Recipe::of_this_run(arguments.seed, threads(), &method);
-    let row = WindowRow::new(
-        window.name.clone(),
-        window.context_positions.clone(),
-        window.target_positions.clone(),
-        vec![outcome.figures.clone()],
-    );
+    let row = WindowRow::new(&window, vec![outcome.figures.clone()]);
     let mut report = Report::new(
         "SparseSplat demo",
         "A simulated courtyard: six photographs in, a compact set of 3D Gaussians out, shown from views that the method \

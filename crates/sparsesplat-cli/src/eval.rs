@@ -1,15 +1,16 @@
 //! `eval`: tables of figures on data sets.
 
 use crate::arguments::{Common, Pipeline, Range, positive, size};
+use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::summary::{print, print_line};
 use crate::{output, threads};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use evaluate::{
-    Evaluation, Event, Method, PictureLimits, Plan, Reading, Recipe, Report, SIMULATED_SIZE, evaluate,
-    figures_table, peak_rss_bytes, refinement_plot,
+    Dropped, Evaluation, Event, Method, PictureLimits, Plan, Reading, Recipe, Report, SIMULATED_SIZE,
+    SimulatedScene, Windows, evaluate, figures_table, peak_rss_bytes, refinement_plot,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -17,28 +18,38 @@ use std::path::PathBuf;
 /// Tables: PSNR, SSIM, Gaussians and time, per scene and on the mean
 ///
 /// Every window is reconstructed from its context views and measured on its held-out targets. Windows come from an index
-/// file (pixelSplat's layout, keys scene/window); a folder without one is evaluated on views chosen by their overlap.
+/// file (pixelSplat's layout, keys scene/window); without one, from the path of a video, or from views chosen by their overlap.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     sparsesplat eval --dataset simulated\n  \
     sparsesplat eval --dataset nerfstudio --root data/fox --index data/fox/evaluation_index.json --json fox.json\n  \
     sparsesplat eval --dataset nerfstudio --root data --refine 200 --refine-plot refine.svg\n  \
-    sparsesplat eval --dataset nerfstudio --root data --seeds 0,1,2 --report report.html\n\n\
-    With several scenes below --root, every sub-folder with transforms.json and evaluation_index.json is taken.\n\
+    sparsesplat eval --dataset nerfstudio --root data --seeds 0,1,2 --report report.html\n  \
+    sparsesplat eval --dataset replica --root Replica --windows 5\n  \
+    sparsesplat eval --dataset replica                                 where it is had, and the layout\n  \
+    sparsesplat eval --dataset dl3dv --root benchmark --index dl3dv_index.json\n\n\
+    With several scenes below --root, all are taken. A scene or window that is left out is listed with the reason.\n\
     A window that fails is listed as dropped, and the exit code is 1.")]
 pub(crate) struct Arguments {
-    /// Layout of the data
+    /// The data set, or the layout of your own
     #[arg(long, value_enum)]
     dataset: Dataset,
     /// Folder of a scene, or of several
-    #[arg(long, value_name = "DIR", required_if_eq("dataset", "nerfstudio"))]
+    #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
-    /// Context and target views of each window [default: evaluation_index.json beside transforms.json, if there is one]
+    /// Context and target views of each window [default: evaluation_index.json in the folder of each scene, if there is one]
     #[arg(long, value_name = "FILE", requires = "root")]
     index: Option<PathBuf>,
     /// Context views where there is no index
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6)]
     views: usize,
+    /// Where there is no index, so many windows along the path of each scene [default: 3 for videos, else one of views chosen by
+    /// their overlap]
+    #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "index")]
+    windows: Option<usize>,
+    /// With simulated: so many generated scenes (seeds 0, 1, ...) beside the scene of the demo
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    scenes: u64,
     /// Scale and crop photographs to this size [default: as they lie on disk]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
@@ -56,15 +67,6 @@ pub(crate) struct Arguments {
     markdown: bool,
     #[command(flatten)]
     pipeline: Pipeline,
-}
-
-/// Layout of the data.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Dataset {
-    /// transforms.json and photographs
-    Nerfstudio,
-    /// The scene of the demo
-    Simulated,
 }
 
 /// What `--json` writes.
@@ -89,22 +91,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     let mut seeds = arguments.seeds.clone();
     seeds.dedup();
-    let reading = Reading { size: arguments.size, depth_hint: arguments.pipeline.depth_range == Range::Hint };
-    let (plans, unread) = match (arguments.dataset, &arguments.root, &arguments.index) {
-        (Dataset::Simulated, ..) if reading.depth_hint => {
-            return Err(Failure::input(
-                "the simulated scene has no hint: --depth-range takes estimate or NEAR,FAR here",
-            ));
-        }
-        (Dataset::Simulated, ..) => {
-            (vec![Plan::simulated(arguments.size.unwrap_or(SIMULATED_SIZE))], Vec::new())
-        }
-        (Dataset::Nerfstudio, None, _) => {
-            return Err(Failure::input("--dataset nerfstudio needs --root DIR"));
-        }
-        (Dataset::Nerfstudio, Some(root), Some(index)) => Plan::windows(root, index, reading).or_input()?,
-        (Dataset::Nerfstudio, Some(root), None) => Plan::below(root, arguments.views, reading).or_input()?,
-    };
+    let (plans, unread, reading) = plans(arguments)?;
 
     let method = Method { curve: arguments.refine_plot.is_some(), ..arguments.pipeline.method(seeds[0]) };
     let mut rasterizer = device::rasterizer(common.device)?;
@@ -113,6 +100,15 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut report = Report::new("SparseSplat evaluation", evaluate::PROTOCOL);
     let mut problem = None;
     let progress = Progress::new(plans.len() * seeds.len());
+    let mut told = "";
+    for plan in &plans {
+        // Once for all windows of a scene.
+        let scene = plan.name().rsplit_once('/').map_or(plan.name(), |(scene, _)| scene);
+        if told != scene {
+            progress.warn_of_ledger(scene, plan.ledger());
+        }
+        told = scene;
+    }
     let mut running = String::new();
     let mut evaluation = evaluate(&plans, &method, &seeds, &mut rasterizer, &mut |event| match event {
         Event::Run { name, seed } => running = format!("{name} (seed {seed})"),
@@ -137,6 +133,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
     let table = figures_table(&evaluation.windows, &evaluation.scenes, &evaluation.mean, true);
     print(&if arguments.markdown { table.to_markdown() } else { table.to_text() });
+    let scenes: Vec<&str> = evaluation.scenes.iter().map(|scene| scene.name.as_str()).collect();
+    print_line(&format!("scenes     {}: {}", scenes.len(), scenes.join(", ")));
+    print_line(&format!("data       sha256 {}", evaluation.data_sha256));
     if !arguments.markdown {
         print_line(&device.line());
     }
@@ -163,10 +162,46 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         output::write_text(path, &refinement_plot(&evaluation.windows))?;
         print_line(&format!("plot       {}", path.display()));
     }
-    match evaluation.dropped.len() {
+    match evaluation.dropped.iter().filter(|dropped| dropped.failed).count() {
         0 => Ok(()),
         n => Err(Failure::work(format!("{n} windows or scenes were dropped and are not in the means"))),
     }
+}
+
+/// The windows that are asked for, what is left out of them, and how they are read.
+fn plans(arguments: &Arguments) -> Outcome<(Vec<Plan>, Vec<Dropped>, Reading)> {
+    let depth_hint = arguments.pipeline.depth_range == Range::Hint;
+    let reading = Reading { format: None, size: arguments.size, depth_hint };
+    if arguments.dataset == Dataset::Simulated {
+        if depth_hint {
+            return Err(Failure::input(
+                "simulated scenes have no hint: --depth-range takes estimate or NEAR,FAR here",
+            ));
+        }
+        let size = arguments.size.unwrap_or(SIMULATED_SIZE);
+        let scenes = std::iter::once(SimulatedScene::Courtyard);
+        return Ok((scenes.map(|scene| Plan::simulated(scene, size)).collect(), Vec::new(), reading));
+    }
+    let Some(root) = &arguments.root else {
+        let explanation = arguments.dataset.explanation();
+        return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
+    };
+    let reading = Reading { format: arguments.dataset.format(root), ..reading };
+    let found = match &arguments.index {
+        Some(index) => Plan::of_index(root, index, reading),
+        None => {
+            let windows = Windows { views: arguments.views, along: arguments.windows };
+            Plan::below(root, windows, reading)
+        }
+    };
+    let (plans, dropped) = found.map_err(|error| match error {
+        evaluate::Error::Data(view_data::Error::NoLayout { .. } | view_data::Error::Read { .. }) => {
+            let problem = Failure::sorted(error);
+            Failure::lines(format!("{problem}\n{}", arguments.dataset.explanation()))
+        }
+        error => Failure::sorted(error),
+    })?;
+    Ok((plans, dropped, reading))
 }
 
 /// The settings in the recipe.

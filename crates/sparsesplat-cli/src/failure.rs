@@ -7,6 +7,8 @@ use std::fmt::Display;
 pub(crate) enum Failure {
     /// The arguments or the files that were given are wrong: exit code 2.
     Input(anyhow::Error),
+    /// The same with an explanation of several lines.
+    Explained(String),
     /// Something went wrong at work: exit code 1.
     Work(anyhow::Error),
 }
@@ -18,6 +20,11 @@ impl Failure {
     /// Wrong input, by a rule of the command itself.
     pub(crate) fn input(rule: impl Display) -> Self {
         Self::Input(anyhow::anyhow!("{rule}"))
+    }
+
+    /// Wrong input, explained on several lines.
+    pub(crate) fn lines(text: String) -> Self {
+        Self::Explained(text)
     }
 
     /// Work that failed, by a rule of the command itself.
@@ -36,7 +43,7 @@ impl Failure {
     /// The exit code.
     pub(crate) fn code(&self) -> u8 {
         match self {
-            Self::Input(_) => 2,
+            Self::Input(_) | Self::Explained(_) => 2,
             Self::Work(_) => 1,
         }
     }
@@ -45,8 +52,12 @@ impl Failure {
 /// The error with its causes, on one line.
 impl Display for Failure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (Self::Input(error) | Self::Work(error)) = self;
-        write!(f, "{}", format!("{error:#}").replace('\n', " "))
+        match self {
+            Self::Input(error) | Self::Work(error) => {
+                write!(f, "{}", format!("{error:#}").replace('\n', " "))
+            }
+            Self::Explained(text) => f.write_str(text),
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 
 mod arguments;
 mod bench;
+mod datasets;
 mod demo;
 mod device;
 mod doctor;
@@ -32,9 +33,10 @@ struct Cli {
 const HELP: &str = "\
 Start here:
   sparsesplat demo                                         everything once, nothing to download
-  sparsesplat reconstruct PHOTOS -o scene.ply              your own photographs, posed (nerfstudio)
+  sparsesplat reconstruct PHOTOS -o scene.ply              your own photographs, posed
   sparsesplat render scene.ply --cameras PHOTOS -o out     pictures of a scene
   sparsesplat eval --dataset nerfstudio --root PHOTOS      how good is it?
+  sparsesplat check-data PHOTOS                            is something wrong with the data?
 
 Exit codes: 0 done, 1 failed at work, 2 wrong arguments or wrong input.";
 

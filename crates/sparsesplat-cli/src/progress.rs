@@ -39,6 +39,17 @@ impl Progress {
         self.0.suspend(|| eprintln!("warning: {what}"));
     }
 
+    /// What a data set lists and does not use: the first few, and how many more.
+    pub(crate) fn warn_of_ledger(&self, scene: &str, ledger: &[view_data::Dropped]) {
+        const SHOWN: usize = 5;
+        for entry in ledger.iter().take(SHOWN) {
+            self.warn(&format!("{scene}: not used: {}: {}", entry.key, entry.reason));
+        }
+        if ledger.len() > SHOWN {
+            self.warn(&format!("{scene}: not used: {} more; check-data lists them", ledger.len() - SHOWN));
+        }
+    }
+
     /// One step is done.
     pub(crate) fn step(&self) {
         self.0.inc(1);

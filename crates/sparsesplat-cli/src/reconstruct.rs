@@ -15,10 +15,11 @@ use gs_raster::Rasterizer;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
+use view_data::Format;
 
 /// Posed photographs to a 3D Gaussian scene
 ///
-/// INPUT is a folder with transforms.json (nerfstudio) or that file. A connected set of views that covers as much of the
+/// INPUT is a data set with poses: nerfstudio, COLMAP, Replica, TUM RGB-D, ScanNet, DL3DV, RealEstate10K. A connected set of views that covers as much of the
 /// scene as it can is chosen from its frames, or the views of a window of an index file are taken.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
@@ -28,8 +29,11 @@ use std::time::Instant;
     sparsesplat reconstruct data/fox --refine 60 -o fox.ply             some dB more for some seconds\n  \
     sparsesplat reconstruct data/kitchen --backbone given-depth --tau 0.3 -o kitchen.ply")]
 pub(crate) struct Arguments {
-    /// Folder with transforms.json and photographs
+    /// Folder of a posed data set, or the file that describes it
     input: PathBuf,
+    /// Its layout: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: what lies there]
+    #[arg(long, value_name = "LAYOUT")]
+    format: Option<Format>,
     /// The scene to write: PLY in the layout of 3D Gaussian splatting
     #[arg(short, long, value_name = "PLY")]
     output: PathBuf,
@@ -74,7 +78,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     if let Some(path) = &arguments.report {
         output::check_file(path)?;
     }
-    let reading = Reading { size: arguments.size, depth_hint: arguments.pipeline.depth_range == Range::Hint };
+    let depth_hint = arguments.pipeline.depth_range == Range::Hint;
+    let reading = Reading { format: arguments.format, size: arguments.size, depth_hint };
     let plan = match (&arguments.index, &arguments.window) {
         (Some(index), Some(key)) => Plan::window(&arguments.input, index, key, reading),
         _ => Plan::selection(&arguments.input, arguments.views, reading),
@@ -88,6 +93,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut rasterizer = if renders { device::rasterizer(common.device)? } else { Rasterizer::cpu() };
     let device = renders.then(|| UsedDevice::of(&rasterizer));
     let progress = Progress::new(1);
+    progress.warn_of_ledger(plan.name(), plan.ledger());
     progress.say(describe(Step::Load));
     let window = plan.load(arguments.report.is_some()).or_input()?;
     let mut on_step = |step| progress.say(describe(step));

@@ -112,7 +112,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
 /// Names and cameras to look from.
 fn cameras(arguments: &Arguments) -> Outcome<Vec<(String, Camera)>> {
-    let dataset = view_data::open_nerfstudio(&arguments.cameras).or_input()?;
+    let dataset = view_data::open(&arguments.cameras, None).or_input()?;
     let all: Vec<usize> = (0..dataset.frames.len()).collect();
     let positions = if arguments.positions.is_empty() { &all } else { &arguments.positions };
     let camera = |&position: &usize| {

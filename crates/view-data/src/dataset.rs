@@ -5,6 +5,7 @@ use crate::points::PointSource;
 use crate::{Error, Lens, Result, TransformsRule};
 use glam::{DAffine3, DMat3, DVec3};
 use gs_scene::{Camera, Intrinsics};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// The frames of a data set and where their files are; the pictures themselves are read by
@@ -39,7 +40,8 @@ pub struct Dataset {
 }
 
 /// A layout of files that is read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum Format {
     /// `transforms.json` of nerfstudio, instant-ngp or Blender exports.

@@ -73,6 +73,7 @@ fn open_as(path: &Path, format: Format) -> Result<Scenes> {
 
 /// The format that was asked for, if its files lie there, or the first that fits.
 fn recognised(path: &Path, format: Option<Format>) -> Result<Format> {
+    std::fs::metadata(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     let fitting = candidates(format).find(|&format| fits(path, format));
     fitting.ok_or_else(|| no_layout(path, format))
 }

@@ -1,6 +1,6 @@
 //! How far away the scene is: stated by the file, or guessed from the poses.
 
-use crate::{DepthPercentiles, Error, Result};
+use crate::{Dataset, DepthPercentiles, Error, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::Camera;
 
@@ -30,6 +30,56 @@ impl SceneDepth {
             return Ok(());
         }
         Err(Error::SceneDepth { near, median, far })
+    }
+}
+
+/// Frames whose measured depth is read for the range of the whole scene.
+const FRAMES_READ: usize = 8;
+/// Every so many of their pixels counts: enough for percentiles.
+const PIXEL_STEP: usize = 37;
+
+impl Dataset {
+    /// How far away the scene is as the data set knows it: what it states, else the depths of its points in the frames that see
+    /// them, else the measured depth of up to 8 frames; `None` if it has none of them.
+    ///
+    /// # Errors
+    /// If a file cannot be read or breaks a rule of its format.
+    pub fn measured_depth(&self) -> Result<Option<DepthPercentiles>> {
+        if self.depth_percentiles.is_some() {
+            return Ok(self.depth_percentiles);
+        }
+        let mut depths: Vec<f32> = Vec::new();
+        if let Some(points) = self.points()? {
+            for point in &points {
+                for seen in &point.observations {
+                    let frame = self.frame(seen.frame)?;
+                    depths.push((point.position - frame.position).dot(frame.axes.z_axis) as f32);
+                }
+            }
+        }
+        if depths.is_empty() {
+            let with_depth: Vec<usize> =
+                self.present().into_iter().filter(|&at| self.frames[at].depth.is_some()).collect();
+            let count = with_depth.len().min(FRAMES_READ);
+            for i in 0..count {
+                // One at a time: they may be large.
+                let view = self.load_views(&[with_depth[i * with_depth.len() / count]], None)?;
+                let maps = view.iter().filter_map(gs_scene::View::depth);
+                depths.extend(maps.flat_map(|depth| depth.data().iter().step_by(PIXEL_STEP)));
+            }
+        }
+        Ok(DepthPercentiles::of(&mut depths))
+    }
+}
+
+impl DepthPercentiles {
+    /// Of depths in any order, which are sorted; those that are not above 0 and finite do not count. `None` if none is left.
+    pub fn of(depths: &mut Vec<f32>) -> Option<Self> {
+        depths.retain(|depth| *depth > 0.0 && depth.is_finite());
+        depths.sort_unstable_by(f32::total_cmp);
+        let last = depths.len().checked_sub(1)?;
+        let at = |percent: f64| f64::from(depths[(last as f64 * 0.01 * percent).round() as usize]);
+        Some(Self { p0_5: at(0.5), p2: at(2.0), p50: at(50.0), p98: at(98.0), p99_5: at(99.5) })
     }
 }
 

@@ -13,7 +13,7 @@ use crate::progress::{Progress, describe};
 use crate::summary::{print, print_line};
 use crate::{output, threads};
 use clap::Args;
-use evaluate::{Recipe, count, simulated_window};
+use evaluate::{Recipe, SimulatedScene, count, simulated_window};
 use gs_raster::{Rasterizer, Style};
 use gs_scene::{Camera, Gaussians};
 use job::{Case, Job, Runner};
@@ -101,7 +101,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     progress.say("measuring the memory");
     let bandwidth = Bandwidth::measure(&pools);
     progress.say("ray-tracing the photographs");
-    let window = simulated_window(arguments.size).or_input()?;
+    let window = simulated_window(SimulatedScene::Courtyard, arguments.size).or_input()?;
     let camera = *window.targets[window.targets.len() / 2].camera();
 
     let mut on_run = |job: &Job<'_>| {

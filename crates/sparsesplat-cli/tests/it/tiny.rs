@@ -1,6 +1,6 @@
 //! A tiny simulated data set in nerfstudio's layout, and calls of the binary.
 
-use evaluate::{Picture, Window, simulated_window};
+use evaluate::{Picture, SimulatedScene, Window, simulated_window};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, View};
 use serde_json::{Value, json};
@@ -44,7 +44,7 @@ impl Called {
 /// The photographs, simulated once for all tests.
 pub(crate) fn window() -> &'static Window {
     static WINDOW: OnceLock<Window> = OnceLock::new();
-    WINDOW.get_or_init(|| simulated_window(SIZE).unwrap())
+    WINDOW.get_or_init(|| simulated_window(SimulatedScene::Courtyard, SIZE).unwrap())
 }
 
 /// A data set in a temporary folder `tiny`.

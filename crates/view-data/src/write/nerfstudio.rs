@@ -1,7 +1,7 @@
 //! nerfstudio's `transforms.json`.
 
 use super::{FrameToWrite, depth, samples, write_file};
-use crate::Result;
+use crate::{DepthPercentiles, Result};
 use glam::DVec3;
 use gs_scene::Lens;
 use serde_json::{Map, Value, json};
@@ -12,7 +12,7 @@ use std::path::Path;
 pub(super) struct Transforms {
     frames: Vec<(Lens, Map<String, Value>)>,
     /// Depths of samples of all frames.
-    depths: Vec<f64>,
+    depths: Vec<f32>,
 }
 
 impl Transforms {
@@ -29,7 +29,8 @@ impl Transforms {
             let path = format!("depth/{}.exr", frame.view.name());
             depth::write(map, &frame.folder.join(&path))?;
             entry.insert("depth_file_path".into(), path.into());
-            self.depths.extend(samples::samples(frame.view, frame.lens).map(|(_, sample)| sample.depth));
+            self.depths
+                .extend(samples::samples(frame.view, frame.lens).map(|(_, sample)| sample.depth as f32));
         }
         self.frames.push((*frame.lens, entry));
         Ok(0)
@@ -45,7 +46,12 @@ impl Transforms {
         if !self.depths.is_empty() {
             // EXR files hold scene units.
             file.insert("depth_unit_scale_factor".into(), 1.0.into());
-            file.insert("scene_depth_percentiles".into(), percentiles(&self.depths));
+            if let Some(DepthPercentiles { p0_5, p2, p50, p98, p99_5 }) =
+                DepthPercentiles::of(&mut self.depths.clone())
+            {
+                let percentiles = json!({ "0.5": p0_5, "2": p2, "50": p50, "98": p98, "99.5": p99_5 });
+                file.insert("scene_depth_percentiles".into(), percentiles);
+            }
         }
         let frame = |(lens, entry): &(Lens, Map<String, Value>)| {
             let mut entry = entry.clone();
@@ -74,12 +80,4 @@ fn lens_keys(lens: &Lens) -> Map<String, Value> {
         }
     }
     keys
-}
-
-/// Depths below which 0.5, 2, 50, 98 and 99.5 % of the samples lie.
-fn percentiles(depths: &[f64]) -> Value {
-    let mut sorted = depths.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let at = |percent: f64| sorted[((sorted.len() - 1) as f64 * 0.01 * percent).round() as usize];
-    json!({ "0.5": at(0.5), "2": at(2.0), "50": at(50.0), "98": at(98.0), "99.5": at(99.5) })
 }

@@ -13,6 +13,5 @@ mod lens;
 mod load;
 mod nerfstudio;
 mod open;
-mod pickle;
 mod re10k;
 mod select;

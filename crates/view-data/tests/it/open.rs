@@ -50,7 +50,7 @@ fn scenes_below_a_folder_come_in_the_order_of_names_and_broken_ones_are_listed()
     assert!(all.dropped[0].reason.contains("c/transforms.json: not valid JSON: EOF"), "{:?}", all.dropped);
     assert_eq!(open_all(&folder.root().join("a"), None).unwrap().scenes.len(), 1);
     assert!(matches!(open_all(&folder.root().join("empty"), None), Err(Error::NoLayout { .. })));
-    assert!(matches!(open_all(&folder.root().join("nowhere"), None), Err(Error::NoLayout { .. })));
+    assert!(matches!(open_all(&folder.root().join("nowhere"), None), Err(Error::Read { .. })));
 }
 
 #[test]

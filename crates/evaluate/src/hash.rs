@@ -1,0 +1,41 @@
+//! What tells one set of views from another.
+
+use crate::Window;
+use gs_scene::View;
+use sha2::{Digest, Sha256};
+
+impl Window {
+    /// SHA-256 of the views as they went into the figures: cameras and pictures, context first; and of how many are context. Equal
+    /// for equal data, whatever its files and their names.
+    #[must_use]
+    pub fn sha256(&self) -> String {
+        let mut hash = Sha256::new();
+        hash.update((self.context.len() as u64).to_le_bytes());
+        self.context.iter().chain(&self.targets).for_each(|view| add_view(&mut hash, view));
+        hexadecimal(hash)
+    }
+}
+
+/// SHA-256 of several.
+pub(crate) fn of_all<'a>(hashes: impl Iterator<Item = &'a str>) -> String {
+    let mut all = Sha256::new();
+    hashes.for_each(|hash| all.update(hash.as_bytes()));
+    hexadecimal(all)
+}
+
+fn add_view(hash: &mut Sha256, view: &View) {
+    let (camera, lens) = (view.camera(), view.camera().intrinsics());
+    hash.update((lens.width as u64).to_le_bytes());
+    hash.update((lens.height as u64).to_le_bytes());
+    let numbers = [lens.fx, lens.fy, lens.cx, lens.cy];
+    let pose = camera.rotation().to_cols_array().into_iter().chain(camera.translation().to_array());
+    for number in numbers.into_iter().chain(pose) {
+        // Layouts round differently in the last digits; that does not make other data.
+        hash.update((number as f32).to_le_bytes());
+    }
+    hash.update(view.image().to_rgb8());
+}
+
+fn hexadecimal(hash: Sha256) -> String {
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,328 @@
+//! `simulate`: photographs of a described or generated scene, as a data set.
+
+use crate::arguments::{Common, positive, size};
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::progress::Progress;
+use crate::summary::{count, memory_line, print_line};
+use crate::{output, threads};
+use clap::{Args, ValueEnum};
+use evaluate::{Recipe, peak_rss_bytes};
+use gs_scene::Camera;
+use scene_sim::{Kind, Photographs, RayCounts, Scene, Traced};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use view_data::{DatasetWriter, DepthPercentiles, Layout, PictureFormat};
+
+/// Photographs of a described or generated scene, with poses and exact depth, as a data set
+///
+/// SCENE is a description (RON), or a scene of the original Replica release (a folder with mesh.ply). Without it a scene is
+/// generated from --seed. Only what the description calls for is simulated: no shadow rays without a light that casts, no
+/// reflections without a mirror, no blur, noise or distortion unless the camera has it.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    sparsesplat simulate --seed 7 -o desk                             a generated scene\n  \
+    sparsesplat simulate --seed 0 --scenes 20 --kind room -o rooms    twenty of them, a folder each\n  \
+    sparsesplat simulate courtyard.ron --format colmap -o courtyard   a described one\n  \
+    sparsesplat simulate --seed 7 --write-scene desk.ron -o desk      with its description, to change by hand\n  \
+    sparsesplat simulate replica_v1/room_0 --photographs walk.ron --format replica -o Replica\n\n\
+    nerfstudio: transforms.json, images/, depth/ (32-bit EXR). colmap: images/, sparse/0 with points. replica: as NICE-SLAM lays\n\
+    it out, DIR/cam_params.json and a folder per scene in DIR, JPEG pictures, 16-bit depth up to 10 m.\n\
+    Windows of context and held-out views along the path go to evaluation_index.json.")]
+pub(crate) struct Arguments {
+    /// Description of the scene, or folder of the original Replica release
+    #[arg(required_unless_present = "seed", conflicts_with = "seed")]
+    scene: Option<PathBuf>,
+    /// Generate a scene from this seed instead; also the seed of all that is random in the pictures
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Kind of the generated scene [default: any]
+    #[arg(long, value_enum, requires = "seed")]
+    kind: Option<KindName>,
+    /// Generate so many scenes, from so many seeds on end; each gets a folder of its own
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 1, requires = "seed")]
+    scenes: usize,
+    /// Layout of the files
+    #[arg(long, value_enum, default_value = "nerfstudio")]
+    format: FormatName,
+    /// Where the files go; must not exist or be empty (for replica: must not hold a scene of that name)
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// How to photograph (RON), instead of what the description says
+    #[arg(long, value_name = "FILE", requires = "scene")]
+    photographs: Option<PathBuf>,
+    /// Size of the pictures [default: as described]
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<(usize, usize)>,
+    /// Number of pictures along the path [default: as described]
+    #[arg(long, value_name = "N", value_parser = positive)]
+    frames: Option<usize>,
+    /// Colour samples per pixel, a square number is best [default: as described]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    samples: Option<u32>,
+    /// File format of the pictures; replica always has JPEG
+    #[arg(long, value_enum, default_value = "png")]
+    pictures: PictureName,
+    /// Also write the description of the scene (RON)
+    #[arg(long, value_name = "FILE", conflicts_with = "scenes")]
+    write_scene: Option<PathBuf>,
+}
+
+/// Kinds of generated scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum KindName {
+    /// Furnished rooms
+    Room,
+    /// Things on a desk
+    Desk,
+    /// Shelves full of things
+    Shelves,
+    /// Houses along a street
+    Facade,
+    /// Gardens with plants
+    Garden,
+}
+
+/// Layouts that are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FormatName {
+    /// transforms.json
+    Nerfstudio,
+    /// sparse/0/*.bin
+    Colmap,
+    /// sparse/0/*.txt
+    ColmapText,
+    /// traj.txt and results/
+    Replica,
+}
+
+/// File formats of pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PictureName {
+    /// Without loss
+    Png,
+    /// Quality 95
+    Jpeg,
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record<C> {
+    recipe: Recipe<C>,
+    scenes: Vec<SceneRecord>,
+    peak_rss_bytes: Option<u64>,
+}
+
+/// One scene of it.
+#[derive(Serialize)]
+struct SceneRecord {
+    name: String,
+    folder: PathBuf,
+    frames: usize,
+    /// Windows in the evaluation index.
+    windows: usize,
+    rays: RayCounts,
+    /// Pixels whose depth the layout cannot hold.
+    depth_out_of_range: u64,
+    /// What of the description is not seen, and why.
+    dropped: Vec<String>,
+    seconds: SceneSeconds,
+}
+
+/// Where the time went.
+#[derive(Serialize)]
+struct SceneSeconds {
+    build: f64,
+    render: f64,
+    total: f64,
+}
+
+/// A scene to photograph.
+struct Job {
+    name: String,
+    scene: Scene,
+    /// Files that the description names are relative to it.
+    folder: PathBuf,
+    photographs: Photographs,
+    target: PathBuf,
+    seed: u64,
+}
+
+pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    output::check_folder(arguments.output.parent().unwrap_or(Path::new("")))?;
+    if let Some(path) = &arguments.write_scene {
+        output::check_file(path)?;
+    }
+    let jobs = jobs(arguments)?;
+    if let (Some(path), [job]) = (&arguments.write_scene, jobs.as_slice()) {
+        let described = Scene { photographs: Some(job.photographs.clone()), ..job.scene.clone() };
+        output::write_text(path, &described.to_ron().or_work()?)?;
+    }
+    let progress = Progress::new(jobs.iter().map(|job| job.photographs.count).sum());
+    let mut records = Vec::with_capacity(jobs.len());
+    for job in &jobs {
+        records.push(simulate(job, arguments, &progress)?);
+    }
+    drop(progress);
+    for record in &records {
+        let (rays, seconds) = (record.rays.rays() as f64, &record.seconds);
+        print_line(&format!(
+            "{}: {} frames, {} windows, {} rays in {:.1} s ({} a second)",
+            record.name,
+            record.frames,
+            record.windows,
+            count(rays),
+            seconds.render,
+            count(rays / seconds.render)
+        ));
+        for dropped in &record.dropped {
+            print_line(&format!("  not seen: {dropped}"));
+        }
+        if record.depth_out_of_range > 0 {
+            let lost = count(record.depth_out_of_range as f64);
+            print_line(&format!("  depth of {lost} pixels is beyond what the layout holds, and is not written"));
+        }
+    }
+    print_line(&memory_line(peak_rss_bytes()));
+    print_line(&format!("data       {}", arguments.output.display()));
+    if let Some(path) = &common.json {
+        let settings = jobs.iter().map(|job| (job.seed, job.photographs.clone())).collect::<Vec<_>>();
+        let recipe = Recipe::of_this_run(jobs[0].seed, threads(), settings);
+        output::write_json(path, &Record { recipe, scenes: records, peak_rss_bytes: peak_rss_bytes() })?;
+    }
+    Ok(())
+}
+
+/// What is asked for, read and generated.
+fn jobs(arguments: &Arguments) -> Outcome<Vec<Job>> {
+    let mut jobs = Vec::new();
+    match &arguments.scene {
+        Some(path) => {
+            let is_scan = path.is_dir();
+            let scene = if is_scan { scene_sim::replica_scene(path) } else { scene_sim::read_scene(path) };
+            let scene = scene.or_input()?;
+            let folder = if is_scan { path.clone() } else { path.parent().unwrap_or(Path::new("")).into() };
+            let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+            let name = name.ok_or_else(|| Failure::input(format!("{}: has no name", path.display())))?;
+            jobs.push(job(arguments, name, scene, folder, 0)?);
+        }
+        None => {
+            let first = arguments.seed.unwrap_or_default();
+            for seed in first..first.saturating_add(arguments.scenes as u64) {
+                let kind = arguments.kind.map_or_else(|| Kind::of_seed(seed), KindName::kind);
+                let scene = scene_sim::generate(kind, seed);
+                jobs.push(job(arguments, format!("{}-{seed}", kind.name()), scene, PathBuf::new(), seed)?);
+            }
+        }
+    }
+    Ok(jobs)
+}
+
+fn job(arguments: &Arguments, name: String, scene: Scene, folder: PathBuf, seed: u64) -> Outcome<Job> {
+    let stated = match &arguments.photographs {
+        Some(path) => Some(scene_sim::read_photographs(path).or_input()?),
+        None => scene.photographs.clone(),
+    };
+    let Some(mut photographs) = stated else {
+        return Err(Failure::input(format!(
+            "{name}: the description does not say how it is photographed; add `photographs` to it, or give --photographs FILE"
+        )));
+    };
+    if let Some((width, height)) = arguments.size {
+        (photographs.width, photographs.height) = (width, height);
+    }
+    photographs.count = arguments.frames.unwrap_or(photographs.count);
+    photographs.samples = arguments.samples.unwrap_or(photographs.samples);
+    let has_own_folder = arguments.scenes > 1 || arguments.format == FormatName::Replica;
+    let target = if has_own_folder { arguments.output.join(&name) } else { arguments.output.clone() };
+    Ok(Job { name, scene, folder, photographs, target, seed })
+}
+
+fn simulate(job: &Job, arguments: &Arguments, progress: &Progress) -> Outcome<SceneRecord> {
+    let begin = Instant::now();
+    progress.say(format!("{}: sorting the scene", job.name));
+    let traced = Traced::load(&job.scene, &job.folder).or_input()?;
+    let build = begin.elapsed().as_secs_f64();
+    let mut writer =
+        DatasetWriter::create(&job.target, arguments.format.layout(), arguments.pictures.format())
+            .or_input()?;
+    let (mut rays, mut render) = (RayCounts::default(), 0.0);
+    let (mut cameras, mut depths): (Vec<Camera>, Vec<f32>) = (Vec::new(), Vec::new());
+    for index in 0..job.photographs.count {
+        progress.say(format!("{}: frame {index}", job.name));
+        let begin = Instant::now();
+        let photograph =
+            scene_sim::photograph(&traced, &job.photographs, index, job.seed).or_input()?;
+        render += begin.elapsed().as_secs_f64();
+        rays = rays + photograph.rays;
+        cameras.push(*photograph.view.camera());
+        if let Some(depth) = photograph.view.depth() {
+            depths.extend(depth.data().iter().copied().filter(|z| *z > 0.0).step_by(DEPTH_STEP));
+        }
+        writer.add(&photograph.view, &photograph.lens).or_work()?;
+        progress.step();
+    }
+    let written = writer.finish().or_work()?;
+    let folder_name = job.target.file_name().map_or_else(|| job.name.clone(), |name| name.to_string_lossy().into());
+    let windows = match DepthPercentiles::of(&mut depths) {
+        Some(percentiles) => {
+            let count = cameras.len().div_ceil(FRAMES_PER_WINDOW);
+            let (windows, _) =
+                view_data::windows_along(&folder_name, &cameras, CONTEXT, count, percentiles.into()).or_work()?;
+            windows
+        }
+        None => Vec::new(),
+    };
+    if !windows.is_empty() {
+        view_data::write_index(&written.folder.join("evaluation_index.json"), &windows).or_work()?;
+    }
+    Ok(SceneRecord {
+        name: job.name.clone(),
+        folder: written.folder,
+        frames: written.frames,
+        windows: windows.len(),
+        rays,
+        depth_out_of_range: written.depth_out_of_range,
+        dropped: traced.dropped().iter().map(ToString::to_string).collect(),
+        seconds: SceneSeconds { build, render, total: begin.elapsed().as_secs_f64() },
+    })
+}
+
+/// Of the depths every so many is enough to know the scene's range.
+const DEPTH_STEP: usize = 101;
+/// Windows of the index begin every so many frames.
+const FRAMES_PER_WINDOW: usize = 40;
+/// Context views of a window.
+const CONTEXT: usize = 6;
+
+impl KindName {
+    fn kind(self) -> Kind {
+        match self {
+            Self::Room => Kind::Room,
+            Self::Desk => Kind::Desk,
+            Self::Shelves => Kind::Shelves,
+            Self::Facade => Kind::Facade,
+            Self::Garden => Kind::Garden,
+        }
+    }
+}
+
+impl FormatName {
+    fn layout(self) -> Layout {
+        match self {
+            Self::Nerfstudio => Layout::Nerfstudio,
+            Self::Colmap => Layout::Colmap,
+            Self::ColmapText => Layout::ColmapText,
+            Self::Replica => Layout::Replica,
+        }
+    }
+}
+
+impl PictureName {
+    fn format(self) -> PictureFormat {
+        match self {
+            Self::Png => PictureFormat::Png,
+            Self::Jpeg => PictureFormat::Jpeg,
+        }
+    }
+}
