@@ -1,6 +1,10 @@
 //! The evaluation index: which views of a scene are given and which are held out.
 
-use crate::{Dataset, Dropped, Error, IndexRule, Result, WriteRule};
+mod rule;
+
+pub use rule::IndexRule;
+
+use crate::{Dataset, Dropped, Error, Result, WriteRule};
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};

@@ -44,7 +44,10 @@ pub enum TorchRule {
         length: u64,
     },
     /// The bytes of an entry do not agree with their checksum.
-    #[error("entry {entry} does not agree with its checksum; is the file damaged?")]
+    #[error(
+        "entry {entry} does not agree with its checksum; is the file damaged, or saved after \
+         torch.serialization.set_crc32_options(False)?"
+    )]
     Checksum {
         /// Name of the entry.
         entry: String,
