@@ -16,6 +16,24 @@ pub enum Error {
         /// What is allowed there.
         expected: &'static str,
     },
+    /// A file holds a description that is refused.
+    #[error("{}: {problem}", path.display())]
+    Description {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        problem: Box<Error>,
+    },
+    /// A text that is no description.
+    #[error("line {line}, column {column}: {reason}")]
+    Syntax {
+        /// Counted from 1.
+        line: usize,
+        /// Counted from 1.
+        column: usize,
+        /// What is wrong there.
+        reason: Box<ron::Error>,
+    },
     /// A description of another version.
     #[error("the description has version {found}, only version {expected} is read")]
     Version {
@@ -58,6 +76,15 @@ pub enum Error {
         /// The system's reason.
         #[source]
         source: std::io::Error,
+    },
+    /// The mirrors of a Replica room are not a list of surfaces.
+    #[error("{}: not a list of mirrors and panes", path.display())]
+    GlassSur {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, with line and column.
+        #[source]
+        source: Box<serde_json::Error>,
     },
     /// A mesh comes from a file, but the description came without a folder.
     #[error("{place}: its polygons are in a file, which needs the folder of the description (Traced::load)")]
@@ -117,7 +144,7 @@ pub enum MeshRule {
         vertices: u64,
     },
     /// A polygon that is too large to be cut into triangles.
-    #[error("face {face} is concave with {found} corners, expected at most 256 unless it is convex")]
+    #[error("face {face} is concave with {found} corners, expected at most 1024 unless it is convex")]
     FaceConcave {
         /// Which polygon.
         face: u64,

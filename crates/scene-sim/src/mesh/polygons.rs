@@ -4,7 +4,7 @@ use crate::MeshRule;
 use glam::{DVec2, DVec3, Vec3};
 
 /// Concave polygons beyond this are refused: cutting them takes time with the square of their corners and more.
-const MOST_CONCAVE: usize = 256;
+const MOST_CONCAVE: usize = 1024;
 
 /// The triangles of a mesh in its own units.
 #[derive(Debug, Default)]
@@ -25,7 +25,7 @@ impl Triangles {
     /// a larger polygon as a fan if it is convex, by its ears if not.
     ///
     /// # Errors
-    /// If it has fewer than three corners, names a vertex that is not there, or is concave with more than 256 corners.
+    /// If it has fewer than three corners, names a vertex that is not there, or is concave with more than 1024 corners.
     pub(crate) fn push_polygon(&mut self, corners: &[u32]) -> Result<(), MeshRule> {
         let face = self.polygons;
         self.polygons += 1;
@@ -155,9 +155,9 @@ mod tests {
         let index = MeshRule::FaceIndex { face: 2, found: 3, vertices: 3 };
         assert_eq!(mesh.push_polygon(&[0, 1, 3]).unwrap_err(), index);
         let saw: Vec<[f64; 2]> =
-            (0..300).map(|i| [f64::from(i), f64::from(i % 2)]).chain([[150.0, 9.0]]).collect();
-        let corners: Vec<u32> = (0..301).collect();
-        let concave = MeshRule::FaceConcave { face: 0, found: 301 };
+            (0..1100).map(|i| [f64::from(i), f64::from(i % 2)]).chain([[550.0, 9.0]]).collect();
+        let corners: Vec<u32> = (0..1101).collect();
+        let concave = MeshRule::FaceConcave { face: 0, found: 1101 };
         assert_eq!(flat(&saw).push_polygon(&corners).unwrap_err(), concave);
     }
 

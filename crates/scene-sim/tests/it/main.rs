@@ -9,12 +9,16 @@ mod depth;
 mod effects;
 /// Descriptions that are wrong, and the error each of them gets.
 mod errors;
+/// Descriptions and meshes in files, sound and broken.
+mod files;
 /// Leaves and their holes.
 mod foliage;
 /// Light, shadow, ray counts and determinism.
 mod light;
 /// Photographs: lens, shutter, exposure, noise.
 mod photographs;
+/// Rooms of the Replica data set, made up here.
+mod replica;
 /// Lamps, soft shadows, occlusion, mirrors and glass against closed forms.
 mod shading;
 /// The views of the demonstration: overlap and agreement between them.
