@@ -9,8 +9,8 @@ use std::path::Path;
 /// How far the official viewer lifts a mirror or pane off its plane, towards the plane's normal, metres: the scan has
 /// a surface there too.
 const LIFT: f64 = 0.0025;
-/// Reflectances up to this are glass: the largest that an index of refraction of 3 explains.
-const MOST_OF_GLASS: f64 = 0.25;
+/// Reflectances up to this are glass: what a pane reflects whose index of refraction is 3.
+const MOST_OF_GLASS: f64 = 0.4;
 
 /// An entry of `glass.sur`; its other fields say the same in coordinates of the plane.
 #[derive(Deserialize)]
@@ -78,8 +78,8 @@ impl Surface {
         let source =
             MeshSource::Inline { vertices, faces: vec![(0..corners as u32).collect()], colours: Vec::new() };
         let (kind, colour, finish) = if reflectivity <= MOST_OF_GLASS {
-            // At a right angle a surface reflects ((index - 1) / (index + 1))².
-            let root = reflectivity.sqrt();
+            // A pane reflects 2 r / (1 + r) at a right angle, if each side reflects r = ((index - 1) / (index + 1))².
+            let root = (reflectivity / (2.0 - reflectivity)).sqrt();
             ("pane", [1.0; 3], Finish::Glass { index: ((1.0 + root) / (1.0 - root)).clamp(1.0, 3.0) })
         } else {
             ("mirror", encoded(reflectivity), Finish::Mirror)

@@ -53,7 +53,7 @@ fn a_room_has_its_colours_and_its_mirrors() {
 
     std::fs::write(
         folder.path().join("glass.sur"),
-        format!("[{}, {}]", surface(1.0, 0.04), surface(-1.0, 0.9)),
+        format!("[{}, {}]", surface(1.0, 0.08 / 1.04), surface(-1.0, 0.9)),
     )
     .unwrap();
     let scene = replica_scene(folder.path()).unwrap();
