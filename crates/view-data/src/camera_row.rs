@@ -2,7 +2,7 @@
 //! world-to-camera matrix row by row, OpenCV axes.
 
 use crate::dataset::nearest_rotation;
-use crate::{Lens, LensModel, TransformsRule};
+use crate::{Lens, LensModel, PoseRule};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, Intrinsics};
 
@@ -77,7 +77,7 @@ pub(crate) fn read_row(row: &[f64; COLUMNS], size: (usize, usize)) -> Result<Row
     let axis = |first: usize| DVec3::new(row[first], row[first + 1], row[first + 2]);
     let rows = DMat3::from_cols(axis(6), axis(10), axis(14));
     let axes = nearest_rotation(rows).map_err(|rule| match rule {
-        TransformsRule::NotARotation { deviation } => CameraRule::NotARotation { deviation },
+        PoseRule::NotARotation { deviation } => CameraRule::NotARotation { deviation },
         _ => CameraRule::Mirrored,
     })?;
     let position = -(axes * translation);

@@ -2,8 +2,8 @@
 
 use crate::camera_row::RowCamera;
 use crate::points::PointSource;
-use crate::{Error, Lens, Result, TransformsRule};
-use glam::{DAffine3, DMat3, DVec3};
+use crate::{Error, Lens, PoseRule, Result};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Intrinsics};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -122,6 +122,11 @@ impl Dropped {
     /// What could not be read, with the error and its causes.
     pub(crate) fn failed(key: impl Into<String>, error: &Error) -> Self {
         Self::new(key, crate::open::chain(error))
+    }
+
+    /// The entry of a frame without picture.
+    pub(crate) fn missing_picture(frame: &Frame) -> Self {
+        Self::new(frame.name.clone(), format!("picture missing: {}", frame.image))
     }
 }
 
@@ -310,23 +315,35 @@ impl Dataset {
 /// by Newton's iteration X ← (X + X⁻ᵀ) / 2.
 ///
 /// The scale is taken out because no pixel depends on it (a scaled camera object in Blender writes one).
-pub(crate) fn nearest_rotation(matrix: DMat3) -> std::result::Result<DMat3, TransformsRule> {
+pub(crate) fn nearest_rotation(matrix: DMat3) -> std::result::Result<DMat3, PoseRule> {
     let determinant = matrix.determinant();
     if determinant < 0.0 {
-        return Err(TransformsRule::Mirrored);
+        return Err(PoseRule::Mirrored);
     }
     let mut rotation = matrix * determinant.cbrt().recip();
     let gram = rotation * rotation.transpose() - DMat3::IDENTITY;
     let deviation = gram.to_cols_array().into_iter().fold(0.0, |worst: f64, entry| worst.max(entry.abs()));
     // A zero matrix gives NaN, which `max` passes over.
     if deviation > ROUNDED_ROTATION || !rotation.is_finite() {
-        return Err(TransformsRule::NotARotation { deviation });
+        return Err(PoseRule::NotARotation { deviation });
     }
     // Convergence is quadratic: 1e-2, 1e-4, 1e-8, 1e-16.
     for _ in 0..5 {
         rotation = (rotation + rotation.inverse().transpose()) * 0.5;
     }
     Ok(rotation)
+}
+
+/// A rotation from a quaternion (w, x, y, z) of any length but 0.
+pub(crate) fn unit_quaternion([w, x, y, z]: [f64; 4]) -> std::result::Result<DQuat, PoseRule> {
+    let quaternion = DQuat::from_xyzw(x, y, z, w);
+    // Scaled first, so that squares neither vanish nor overflow.
+    let largest = w.abs().max(x.abs()).max(y.abs()).max(z.abs());
+    if !quaternion.is_finite() || largest == 0.0 {
+        return Err(PoseRule::Quaternion { found: [w, x, y, z] });
+    }
+    let scaled = if largest.is_normal() { quaternion / largest } else { quaternion * f64::MAX };
+    Ok(scaled.normalize())
 }
 
 /// Largest entry of `R Rᵀ - I` that is taken for rounded digits (three decimals give a few 1e-3).
@@ -348,8 +365,8 @@ mod tests {
         }
         let sheared = exact * DMat3::from_diagonal(DVec3::new(1.1, 1.0, 1.0));
         for broken in [sheared, DMat3::ZERO, DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.0)), exact * 1e200] {
-            assert!(matches!(nearest_rotation(broken), Err(TransformsRule::NotARotation { .. })), "{broken}");
+            assert!(matches!(nearest_rotation(broken), Err(PoseRule::NotARotation { .. })), "{broken}");
         }
-        assert!(matches!(nearest_rotation(-exact), Err(TransformsRule::Mirrored)));
+        assert!(matches!(nearest_rotation(-exact), Err(PoseRule::Mirrored)));
     }
 }

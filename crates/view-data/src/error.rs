@@ -1,5 +1,13 @@
+//! What can be wrong, one enum for the crate and one for the rules of each kind of file.
+
+mod format;
+mod transforms;
+
 use crate::{Dropped, ImageSource};
 use std::path::PathBuf;
+
+pub use format::{FormatRule, Place};
+pub use transforms::TransformsRule;
 
 /// What can be wrong with a data set, its files, an evaluation index or a selection of views.
 #[derive(Debug, thiserror::Error)]
@@ -117,6 +125,16 @@ pub enum Error {
         /// How many scenes there are.
         scenes: usize,
     },
+    /// A text or binary file breaks a rule of its format.
+    #[error("{}: {place}{rule}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// Where in it.
+        place: Place,
+        /// The rule, with expected and found.
+        rule: FormatRule,
+    },
     /// A frame position beyond the data set.
     #[error("frame position {position} does not exist: {name} has {frames} frames (0 to {})", frames.saturating_sub(1))]
     Position {
@@ -208,7 +226,7 @@ pub enum Error {
     },
     /// The lens model maps two directions to one pixel inside the picture.
     #[error(
-        "{}: lens distortion folds at pixel ({x}, {y}): k1 k2 k3 p1 p2 do not describe this picture; \
+        "{}: lens distortion folds at pixel ({x}, {y}): its coefficients do not describe this picture; \
          calibrate again, or undistort the pictures and set the coefficients to 0",
         path.display()
     )]
@@ -219,6 +237,16 @@ pub enum Error {
         x: usize,
         /// Its row.
         y: usize,
+    },
+    /// A picture that spans half of all directions or more, or whose lens folds before its border.
+    #[error(
+        "{}: lens sees 180 degrees or more, or folds before the border of the picture: no pinhole picture shows that; \
+         crop the pictures, or undistort them first",
+        path.display()
+    )]
+    LensTooWide {
+        /// The picture.
+        path: PathBuf,
     },
     /// Undistorting leaves no pixel that the picture covers.
     #[error("{}: lens distortion leaves no part of the picture to show", path.display())]
@@ -325,134 +353,26 @@ fn place(frame: Option<&str>) -> String {
     frame.map_or_else(String::new, |frame| format!("frame {frame}: "))
 }
 
-/// The rules of a `transforms.json` that can be broken.
-#[derive(Debug, thiserror::Error)]
+/// Why numbers make no pose.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum TransformsRule {
-    /// A value of the wrong JSON type.
-    #[error("{key} is {found}, expected {expected}")]
-    Type {
-        /// The key.
-        key: String,
-        /// What it should be.
-        expected: &'static str,
-        /// What it is.
-        found: &'static str,
-    },
-    /// A key that has to be there is absent.
-    #[error("key {key} is missing")]
-    MissingKey {
-        /// The key.
-        key: &'static str,
-    },
-    /// A number is NaN or infinite.
-    #[error("{key} is not finite")]
-    NotFinite {
-        /// The key.
-        key: String,
-    },
-    /// The list of frames is empty.
-    #[error("frames is empty, expected at least one frame")]
-    NoFrames,
-    /// There is no focal length.
+pub enum PoseRule {
+    /// The 3×3 part is no rotation, uniform scale and rounded digits allowed for.
     #[error(
-        "no intrinsics: neither fl_x (pixels) nor camera_angle_x (radians) is given, per frame or for the file"
-    )]
-    NoFocal,
-    /// A key is given on some frames only, and not for the whole file.
-    #[error("{key} is missing here but given on other frames; give it on every frame or once for the file")]
-    PartialKey {
-        /// The key.
-        key: &'static str,
-    },
-    /// A picture size that is none.
-    #[error("{key} is {found}, expected a whole number of pixels from 1 to {}", crate::nerfstudio::MAX_SIDE)]
-    Side {
-        /// `w` or `h`.
-        key: &'static str,
-        /// The value.
-        found: f64,
-    },
-    /// A number outside its range.
-    #[error("{key} is {found}, expected {expected}")]
-    Range {
-        /// The key.
-        key: &'static str,
-        /// The value.
-        found: f64,
-        /// The range in words.
-        expected: &'static str,
-    },
-    /// A camera model that is not a pinhole with radial and tangential distortion.
-    #[error("camera_model {found:?} is not supported, expected one of {}", crate::nerfstudio::MODELS.join(", "))]
-    Model {
-        /// The model.
-        found: String,
-    },
-    /// A distortion coefficient beyond k1 k2 k3 p1 p2.
-    #[error("{key} is {found}: only distortion by k1 k2 k3 p1 p2 is supported; undistort the pictures first")]
-    Coefficient {
-        /// The key.
-        key: &'static str,
-        /// The value.
-        found: f64,
-    },
-    /// A pinhole model with distortion.
-    #[error(
-        "camera_model {model} has no distortion, but a distortion coefficient is not 0; set the model to OPENCV"
-    )]
-    DistortedPinhole {
-        /// The model.
-        model: String,
-    },
-    /// `transform_matrix` is not 4×4 (or 3×4).
-    #[error("{key} has {found}, expected 4 rows of 4 numbers")]
-    MatrixShape {
-        /// The key.
-        key: &'static str,
-        /// Its shape in words.
-        found: String,
-    },
-    /// The last row of a pose is not 0 0 0 1.
-    #[error("last row of {key} is {found:?}, expected [0, 0, 0, 1]; is the matrix transposed?")]
-    LastRow {
-        /// The key.
-        key: &'static str,
-        /// The row.
-        found: [f64; 4],
-    },
-    /// The 3×3 part of a pose is no rotation, uniform scale and rounded digits allowed for.
-    #[error(
-        "transform_matrix holds no rotation: |R Rᵀ - I| is {deviation:.2e} after a uniform scale is taken out, \
-         expected at most 1e-2"
+        "holds no rotation: |R Rᵀ - I| is {deviation:.2e} after a uniform scale is taken out, expected at most 1e-2"
     )]
     NotARotation {
         /// Largest absolute entry of `R Rᵀ - I`.
         deviation: f64,
     },
-    /// The 3×3 part of a pose mirrors.
-    #[error("transform_matrix mirrors the scene (its determinant is negative); is an axis flipped?")]
+    /// The 3×3 part mirrors.
+    #[error("mirrors the scene (its determinant is negative); is an axis flipped?")]
     Mirrored,
-    /// Focal lengths, principal point or size make no camera.
-    #[error("the camera is not valid: {0}")]
-    Camera(gs_scene::Error),
-    /// Two frames name the same picture.
-    #[error("same picture as frame {first}")]
-    DuplicateFrame {
-        /// Position of the earlier frame.
-        first: usize,
-    },
-    /// The picture is not where `file_path` says, and several folders have one of its name.
-    #[error("picture is not at file_path, and it is in more than one folder: {}; keep one of them", folders.join(", "))]
-    AmbiguousPicture {
-        /// The folders.
-        folders: Vec<String>,
-    },
-    /// `scene_depth_percentiles` decrease or are not positive.
-    #[error("scene_depth_percentiles are {found:?}, expected increasing numbers above 0")]
-    Percentiles {
-        /// 0.5, 2, 50, 98 and 99.5 %.
-        found: [f64; 5],
+    /// A quaternion of length 0, or not finite.
+    #[error("has the quaternion {found:?}, expected a finite one that is not 0")]
+    Quaternion {
+        /// As it stands in the file.
+        found: [f64; 4],
     },
 }
 

@@ -5,8 +5,11 @@ mod error;
 mod dataset;
 mod points;
 
+mod files;
+
 mod camera_row;
 mod chunk;
+mod colmap;
 mod dl3dv;
 mod nerfstudio;
 mod open;
@@ -29,9 +32,10 @@ mod write;
 
 pub use camera_row::CameraRule;
 pub use chunk::{ChunkRule, list_chunks, open_chunks};
+pub use colmap::open_colmap;
 pub use dataset::{Dataset, DepthFile, DepthPercentiles, Dropped, Format, Frame, ImageSource};
 pub use dl3dv::{Dl3dvRule, list_dl3dv, open_dl3dv};
-pub use error::{Error, Result, TransformsRule};
+pub use error::{Error, FormatRule, Place, PoseRule, Result, TransformsRule};
 pub use gs_scene::{Distortion, Lens, LensModel};
 pub use index::{EvaluationIndex, IndexRule, Window, read_index, write_index};
 pub use nerfstudio::open_nerfstudio;

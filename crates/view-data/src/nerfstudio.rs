@@ -5,6 +5,7 @@ mod keys;
 mod pictures;
 
 use crate::dataset::nearest_rotation;
+use crate::files::{folder_name, name_frames};
 use crate::{
     Dataset, DepthFile, DepthPercentiles, Distortion, Dropped, Error, Format, Frame, ImageSource, Lens,
     Result, TransformsRule as Rule,
@@ -99,9 +100,12 @@ fn open_file(file: PathBuf, picture_folder: Option<&Path>) -> Result<Dataset> {
         }
         read.push(frame);
     }
-    name_frames(&mut read, &frames);
+    let file_path = |keys: &Keys| keys.text("file_path").ok().flatten().unwrap_or_default().to_owned();
+    let paths: Vec<String> = frames.iter().map(file_path).collect();
+    name_frames(&mut read, paths.iter().map(String::as_str));
 
-    let dropped = read.iter().filter(|frame| frame.image.is_missing()).map(missing_picture).collect();
+    let dropped =
+        read.iter().filter(|frame| frame.image.is_missing()).map(Dropped::missing_picture).collect();
     Ok(Dataset {
         name: folder_name(&root),
         depth_percentiles: depth_percentiles(&shared)?,
@@ -117,11 +121,6 @@ fn open_file(file: PathBuf, picture_folder: Option<&Path>) -> Result<Dataset> {
     })
 }
 
-/// The ledger's entry of a frame without picture.
-fn missing_picture(frame: &Frame) -> Dropped {
-    Dropped::new(frame.name.clone(), format!("picture missing: {}", frame.image))
-}
-
 fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: f64) -> Result<Frame> {
     let file_path = keys.text("file_path")?.filter(|path| !path.is_empty());
     let file_path = file_path.ok_or_else(|| keys.broken(Rule::MissingKey { key: "file_path" }))?;
@@ -130,7 +129,7 @@ fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: f64) ->
     let lens = read_lens(keys, shared, &image)?;
     let matrix = keys.matrix("transform_matrix")?;
     let matrix = matrix.ok_or_else(|| keys.broken(Rule::MissingKey { key: "transform_matrix" }))?;
-    let opengl = nearest_rotation(matrix.matrix3).map_err(|rule| keys.broken(rule))?;
+    let opengl = nearest_rotation(matrix.matrix3).map_err(|rule| keys.broken(Rule::Pose(rule)))?;
     let frame = Frame {
         name: String::new(),
         time: None,
@@ -210,24 +209,4 @@ fn depth_percentiles(shared: &Keys) -> Result<Option<DepthPercentiles>> {
     }
     let [p0_5, p2, p50, p98, p99_5] = found;
     Ok(Some(DepthPercentiles { p0_5, p2, p50, p98, p99_5 }))
-}
-
-/// Names frames by the stem of their file, or by the whole path if a stem occurs twice.
-fn name_frames(frames: &mut [Frame], keys: &[Keys]) {
-    let stem =
-        |frame: &Frame| frame.image.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let mut count: HashMap<String, usize> = HashMap::new();
-    for frame in &*frames {
-        *count.entry(stem(frame)).or_default() += 1;
-    }
-    for (frame, keys) in frames.iter_mut().zip(keys) {
-        let stem = stem(frame);
-        let path = keys.text("file_path").ok().flatten().unwrap_or_default();
-        frame.name = if count[&stem] == 1 { stem } else { path.replace(['/', '\\'], "_") };
-    }
-}
-
-fn folder_name(root: &Path) -> String {
-    let full = std::fs::canonicalize(root).unwrap_or_else(|_| root.to_path_buf());
-    full.file_name().unwrap_or(full.as_os_str()).to_string_lossy().into_owned()
 }

@@ -1,6 +1,9 @@
 //! Opening a data set whose layout is not said: recognised by what lies there.
 
-use crate::{Dataset, Dropped, Error, Format, Result, open_chunks, open_dl3dv, open_nerfstudio, open_re10k};
+use crate::{
+    Dataset, Dropped, Error, Format, Result, open_chunks, open_colmap, open_dl3dv, open_nerfstudio,
+    open_re10k,
+};
 use std::path::{Path, PathBuf};
 
 /// Scenes below a folder.
@@ -67,6 +70,7 @@ fn open_as(path: &Path, format: Format) -> Result<Scenes> {
         Format::Chunk => open_chunks(path),
         Format::Dl3dv => open_dl3dv(path),
         Format::Re10k => open_re10k(path),
+        Format::Colmap => one(open_colmap(path)),
         _ => Err(no_layout(path, Some(format))),
     }
 }
@@ -92,6 +96,7 @@ fn fits(path: &Path, format: Format) -> bool {
         Format::Chunk => crate::chunk::is_there(path),
         Format::Dl3dv => crate::dl3dv::is_there(path),
         Format::Re10k => crate::re10k::is_there(path),
+        Format::Colmap => crate::colmap::is_there(path),
         _ => false,
     }
 }

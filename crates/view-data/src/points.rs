@@ -1,5 +1,6 @@
 //! Points of the scene that a data set brings along.
 
+use crate::colmap::{ModelFiles, read_points};
 use crate::{Dataset, Result};
 use glam::{DVec2, DVec3};
 
@@ -28,7 +29,10 @@ pub struct Observation {
 
 /// Where points are read from when they are asked for.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum PointSource {}
+pub(crate) enum PointSource {
+    /// A model of COLMAP's; for each image of the file the position of its frame.
+    Colmap { files: ModelFiles, position_of: Vec<usize> },
+}
 
 impl Dataset {
     /// Whether the data set has points.
@@ -44,7 +48,7 @@ impl Dataset {
     pub fn points(&self) -> Result<Option<Vec<ScenePoint>>> {
         match &self.points {
             None => Ok(None),
-            Some(source) => match *source {},
+            Some(PointSource::Colmap { files, position_of }) => Ok(Some(read_points(files, position_of)?)),
         }
     }
 }

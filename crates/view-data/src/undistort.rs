@@ -6,7 +6,8 @@ use gs_scene::{Image, Intrinsics};
 use std::path::Path;
 
 /// The pinhole picture behind a distorted one: a window of the picture's own pixel grid, with the same focal lengths,
-/// that shows nothing but what the lens saw.
+/// that shows nothing but what the lens saw. Of a fisheye that is the middle: directions that a pinhole of this focal
+/// length puts outside the grid are left out.
 #[derive(Debug)]
 pub(crate) struct Undistortion {
     lens: Lens,
@@ -27,6 +28,9 @@ impl Undistortion {
         let whole = Self { lens, left: 0, top: 0, width, height };
         if lens.model.is_pinhole() {
             return Ok(whole);
+        }
+        if lens.model.is_wide() && !sees_less_than_half(&lens) {
+            return Err(Error::LensTooWide { path: path.to_path_buf() });
         }
         let covered = |x: usize, y: usize| {
             let source = whole.lens.distort(whole.direction(x, y));
@@ -102,6 +106,15 @@ impl Undistortion {
         let path = || path.display().to_string();
         Image::new(self.width, self.height, data).map_err(|source| Error::View { frame: path(), source })
     }
+}
+
+/// Whether the borders of a picture, at the height and width of the principal point, look forward. Its corners may not:
+/// circles of fisheye lenses end before them.
+fn sees_less_than_half(lens: &Lens) -> bool {
+    let Intrinsics { width, height, cx, cy, .. } = lens.intrinsics;
+    let (width, height) = (width as f64, height as f64);
+    let middles = [(0.5, cy), (width - 0.5, cy), (cx, 0.5), (cx, height - 0.5)];
+    middles.into_iter().all(|(x, y)| lens.undistort(DVec2::new(x, y)).is_some())
 }
 
 /// What rounding may move a pixel that lies exactly on the outermost centres.

@@ -1,4 +1,4 @@
-//! `folder` makes data sets to read; `nerfstudio` reads their JSON, `load` their pictures and depth, `open` recognises layouts, `lens` checks the
+//! `folder` makes data sets to read; `nerfstudio` reads their JSON, `colmap` models, `load` their pictures and depth, `open` recognises layouts, `lens` checks the
 //! distortion model, `index` the evaluation index, `select` the choice of views.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests unwrap as tests do")]
@@ -7,6 +7,7 @@ mod folder;
 mod torch_file;
 
 mod chunk;
+mod colmap;
 mod dl3dv;
 mod index;
 mod lens;
