@@ -11,6 +11,7 @@ use std::error::Error;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Instant;
 use view_data::{Dataset, Frame, ImageSource, open_chunks};
 
 #[derive(Deserialize)]
@@ -25,7 +26,9 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let folder = Path::new(&folder);
     let expected: BTreeMap<String, Expected> =
         serde_json::from_slice(&std::fs::read(folder.join("expected.json"))?)?;
+    let start = Instant::now();
     let scenes = open_chunks(folder)?;
+    let opened = start.elapsed();
     let mut differences: Vec<String> =
         scenes.dropped.iter().map(|dropped| format!("{} dropped: {}", dropped.key, dropped.reason)).collect();
     for key in expected.keys().filter(|key| scenes.scenes.iter().all(|scene| scene.name != **key)) {
@@ -40,7 +43,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
         frames += scene.frames.len();
     }
     println!(
-        "{} scenes, {frames} frames, largest deviation of a pose {worst:.1e} (limit {POSE:.0e}), {} differences",
+        "{} scenes, {frames} frames, opened in {opened:.1?}, largest deviation of a pose {worst:.1e} (limit {POSE:.0e}), {} differences",
         scenes.scenes.len(),
         differences.len()
     );

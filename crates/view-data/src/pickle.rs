@@ -1,6 +1,7 @@
 //! Files of `torch.save`: a ZIP archive of stored entries, of which `data.pkl` builds the values and `data/<key>` are
 //! the storages behind its tensors.
 
+mod known;
 mod machine;
 mod rule;
 mod value;

@@ -4,56 +4,47 @@ use crate::{Error, ImageSource, Result};
 use gs_scene::Image;
 use image::{DynamicImage, ImageError, ImageReader};
 use std::fs::File;
-use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
+use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// More pixels than any camera takes; 1.6 GB as f32 RGB.
 pub(crate) const MAX_PIXELS: usize = 1 << 27;
 
+/// Enough of a picture to know its size, bytes, unless metadata comes first. A decoder would read it to its end.
+const HEADER: u64 = 1 << 14;
+
 /// The picture's width and height, from its header.
 pub(crate) fn size(image: &ImageSource, frame: &str) -> Result<(usize, usize)> {
-    let damaged = |source| Error::Picture { image: image.clone(), source };
-    let dimensions = match image {
-        ImageSource::Encoded { .. } => {
-            let bytes = read_bytes(image, frame)?;
-            let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
-            reader.map_err(ImageError::IoError).and_then(ImageReader::into_dimensions)
-        }
-        ImageSource::File(path) | ImageSource::Missing(path) => {
-            let file = File::open(path).map_err(|source| unreadable(path, frame, source))?;
-            let reader = ImageReader::new(BufReader::new(file)).with_guessed_format();
-            reader.map_err(ImageError::IoError).and_then(ImageReader::into_dimensions)
-        }
+    let dimensions = |bytes: &[u8]| {
+        let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
+        reader.map_err(ImageError::IoError).and_then(ImageReader::into_dimensions)
     };
-    let (width, height) = dimensions.map_err(damaged)?;
+    let header = read_bytes(image, frame, HEADER)?;
+    let found = match dimensions(&header) {
+        Err(_) if header.len() as u64 == HEADER => dimensions(&read_bytes(image, frame, u64::MAX)?),
+        found => found,
+    };
+    let (width, height) = found.map_err(|source| Error::Picture { image: image.clone(), source })?;
     Ok((width as usize, height as usize))
 }
 
-/// The encoded bytes of a picture.
-fn read_bytes(image: &ImageSource, frame: &str) -> Result<Vec<u8>> {
-    match image {
-        ImageSource::File(path) | ImageSource::Missing(path) => {
-            std::fs::read(path).map_err(|source| unreadable(path, frame, source))
+/// The encoded bytes of a picture, or the first `most` of them.
+fn read_bytes(image: &ImageSource, frame: &str, most: u64) -> Result<Vec<u8>> {
+    let path = image.path();
+    let read = |source| Error::Read { path: path.to_path_buf(), source };
+    let mut file = File::open(path).map_err(|source| unreadable(path, frame, source))?;
+    let mut whole = u64::MAX;
+    if let ImageSource::Encoded { offset, length, .. } = *image {
+        let held = file.metadata().map_err(read)?.len();
+        if offset.checked_add(length).is_none_or(|end| end > held) {
+            return Err(Error::OutsideFile { path: path.to_path_buf(), offset, length, held });
         }
-        ImageSource::Encoded { path, offset, length } => {
-            let file = File::open(path).map_err(|source| unreadable(path, frame, source))?;
-            let read = |source| Error::Read { path: path.clone(), source };
-            let held = file.metadata().map_err(read)?.len();
-            if offset.checked_add(*length).is_none_or(|end| end > held) {
-                return Err(Error::OutsideFile {
-                    path: path.clone(),
-                    offset: *offset,
-                    length: *length,
-                    held,
-                });
-            }
-            let mut bytes = Vec::new();
-            let mut reader = BufReader::new(file);
-            reader.seek(SeekFrom::Start(*offset)).map_err(read)?;
-            reader.take(*length).read_to_end(&mut bytes).map_err(read)?;
-            Ok(bytes)
-        }
+        file.seek(SeekFrom::Start(offset)).map_err(read)?;
+        whole = length;
     }
+    let mut bytes = Vec::new();
+    file.take(whole.min(most)).read_to_end(&mut bytes).map_err(read)?;
+    Ok(bytes)
 }
 
 /// An RGB picture in 0..1. Greyscale is spread to three channels, 16 bits are divided by 65535, alpha is blended
@@ -89,7 +80,7 @@ pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<(usize, usize, Vec<
 }
 
 fn decode(image: &ImageSource, frame: &str) -> Result<DynamicImage> {
-    let bytes = read_bytes(image, frame)?;
+    let bytes = read_bytes(image, frame, u64::MAX)?;
     if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_has_end(&bytes) {
         return Err(Error::TruncatedJpeg { image: image.clone() });
     }
@@ -132,4 +123,31 @@ fn jpeg_has_end(bytes: &[u8]) -> bool {
         at += if marker == 0xff { 1 } else { 2 + usize::from(u16::from_be_bytes([high, low])) };
     }
     false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_size_is_found_behind_long_metadata_and_at_an_offset() {
+        let mut plain = Cursor::new(Vec::new());
+        DynamicImage::new_rgb8(31, 17).write_to(&mut plain, image::ImageFormat::Jpeg).unwrap();
+        let plain = plain.into_inner();
+        // Two application segments of 30 000 bytes behind the start marker push the size beyond what is read first.
+        let segment = [&[0xff, 0xe1][..], &30_000u16.to_be_bytes(), &[7; 29_998]].concat();
+        let long = [&plain[..2], &segment, &segment, &plain[2..]].concat();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pictures");
+        std::fs::write(&path, [&b"before"[..], &long, &plain].concat()).unwrap();
+        for (offset, length) in [(6, long.len()), (6 + long.len(), plain.len())] {
+            let (offset, length) = (offset as u64, length as u64);
+            let image = ImageSource::Encoded { path: path.clone(), offset, length };
+            assert_eq!(size(&image, "frame").unwrap(), (31, 17));
+            let beyond = ImageSource::Encoded { path: path.clone(), offset: offset + 1, length: u64::MAX };
+            assert!(matches!(size(&beyond, "frame"), Err(Error::OutsideFile { .. })));
+        }
+        let cut = ImageSource::Encoded { path, offset: 6, length: 20_000 };
+        assert!(matches!(size(&cut, "frame"), Err(Error::Picture { .. })));
+    }
 }

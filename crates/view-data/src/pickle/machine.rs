@@ -5,10 +5,10 @@
 //! so memory is bounded by the pickle's length. Nothing recurses.
 
 use super::TorchRule as Rule;
-use super::value::{Dtype, Global, Pickle, Span, Storage, Tensor, Value};
+use super::value::{Pickle, Span, Value};
 use std::collections::HashMap;
 
-type Result<T> = std::result::Result<T, Rule>;
+pub(super) type Result<T> = std::result::Result<T, Rule>;
 
 /// Runs a pickle to its STOP.
 pub(super) fn run(bytes: Vec<u8>) -> Result<Pickle> {
@@ -26,11 +26,11 @@ pub(super) fn run(bytes: Vec<u8>) -> Result<Pickle> {
     Ok(machine.pools)
 }
 
-struct Machine {
-    pools: Pickle,
+pub(super) struct Machine {
+    pub(super) pools: Pickle,
     /// Position in the bytes: the opcode's own while its arguments are not read yet.
     at: usize,
-    stack: Vec<Value>,
+    pub(super) stack: Vec<Value>,
     /// Heights of the stack at which a MARK lies.
     marks: Vec<usize>,
     memo: HashMap<u32, Value>,
@@ -217,7 +217,7 @@ impl Machine {
         self.stack[self.floor()..].last().copied().ok_or(Rule::Stack { at })
     }
 
-    fn pop(&mut self, at: usize) -> Result<Value> {
+    pub(super) fn pop(&mut self, at: usize) -> Result<Value> {
         let top = self.top(at)?;
         self.stack.pop();
         Ok(top)
@@ -248,7 +248,7 @@ impl Machine {
         Value::List(self.pools.lists.len() as u32 - 1)
     }
 
-    fn new_dict(&mut self) -> Value {
+    pub(super) fn new_dict(&mut self) -> Value {
         self.pools.dicts.push(Vec::new());
         Value::Dict(self.pools.dicts.len() as u32 - 1)
     }
@@ -325,130 +325,4 @@ impl Machine {
             other => Err(Rule::Operand { at, expected: "str", found: other.type_name() }),
         }
     }
-
-    fn global(&mut self, module: Span, name: Span) -> Result<()> {
-        let text = |span: Span| String::from_utf8_lossy(&self.pools.bytes[span.range()]);
-        let (module, name) = (text(module), text(name));
-        let global = match (module.as_ref(), name.as_ref()) {
-            ("torch._utils", "_rebuild_tensor_v2") => Global::RebuildTensor,
-            ("collections", "OrderedDict") => Global::OrderedDict,
-            ("torch", "ByteStorage") => Global::Storage(Dtype::U8),
-            ("torch", "LongStorage") => Global::Storage(Dtype::I64),
-            ("torch", "FloatStorage") => Global::Storage(Dtype::F32),
-            ("torch", "DoubleStorage") => Global::Storage(Dtype::F64),
-            ("torch", other) if other.ends_with("Storage") => {
-                return Err(Rule::StorageType { found: clipped(other) });
-            }
-            (module, name) => return Err(Rule::Global { name: clipped(&format!("{module} {name}")) }),
-        };
-        self.stack.push(Value::Global(global));
-        Ok(())
-    }
-
-    /// REDUCE: a function and the tuple of its arguments.
-    fn call(&mut self, at: usize) -> Result<()> {
-        let arguments = self.pop(at)?;
-        let function = self.pop(at)?;
-        let Value::Tuple(arguments) = arguments else {
-            return Err(Rule::Operand { at, expected: "tuple", found: arguments.type_name() });
-        };
-        let result = match function {
-            Value::Global(Global::RebuildTensor) => self.tensor(at, arguments)?,
-            Value::Global(Global::OrderedDict) if arguments.length == 0 => self.new_dict(),
-            Value::Global(Global::OrderedDict) => return Err(Rule::Call { at, what: "OrderedDict" }),
-            other => {
-                return Err(Rule::Operand {
-                    at,
-                    expected: "a function that is read",
-                    found: other.type_name(),
-                });
-            }
-        };
-        self.stack.push(result);
-        Ok(())
-    }
-
-    /// `_rebuild_tensor_v2(storage, offset, size, stride, requires_grad, hooks)`; newer files add metadata.
-    fn tensor(&mut self, at: usize, arguments: Span) -> Result<Value> {
-        let wrong = Rule::Call { at, what: "_rebuild_tensor_v2" };
-        let (storage, offset, sizes, strides) = match self.pools.tuples[arguments.range()] {
-            [
-                Value::Storage(storage),
-                Value::Int(offset),
-                Value::Tuple(sizes),
-                Value::Tuple(strides),
-                _,
-                _,
-            ]
-            | [
-                Value::Storage(storage),
-                Value::Int(offset),
-                Value::Tuple(sizes),
-                Value::Tuple(strides),
-                _,
-                _,
-                _,
-            ] => (self.pools.storages[storage as usize], offset, sizes, strides),
-            _ => return Err(wrong),
-        };
-        let dimensions = sizes.length as usize;
-        if dimensions > super::MAX_DIMENSIONS {
-            return Err(Rule::Dimensions { at, found: dimensions });
-        }
-        if sizes.length != strides.length {
-            return Err(wrong);
-        }
-        let beyond = || Rule::TensorRange { at, elements: storage.elements };
-        let natural = |value: &Value| match *value {
-            Value::Int(number) => u64::try_from(number).map_err(|_| beyond()),
-            _ => Err(Rule::Call { at, what: "_rebuild_tensor_v2" }),
-        };
-        let numbers = |span: Span| {
-            let mut numbers = [0; super::MAX_DIMENSIONS];
-            for (number, value) in numbers.iter_mut().zip(&self.pools.tuples[span.range()]) {
-                *number = natural(value)?;
-            }
-            Ok(numbers)
-        };
-        let (sizes, strides) = (numbers(sizes)?, numbers(strides)?);
-        let offset = natural(&Value::Int(offset))?;
-        // One past the last element; a tensor without elements reaches as far as its offset.
-        let mut end = offset;
-        if !sizes[..dimensions].contains(&0) {
-            for (size, stride) in sizes[..dimensions].iter().zip(&strides) {
-                let reach = (size - 1).checked_mul(*stride).and_then(|reach| reach.checked_add(end));
-                end = reach.ok_or_else(beyond)?;
-            }
-            end = end.checked_add(1).ok_or_else(beyond)?;
-        }
-        if end > storage.elements {
-            return Err(beyond());
-        }
-        self.pools.tensors.push(Tensor { storage, offset, sizes, strides, dimensions });
-        Ok(Value::Tensor(self.pools.tensors.len() as u32 - 1))
-    }
-
-    /// BINPERSID of `("storage", type, key, location, elements)`. Where the tensor lived (`cpu`, `cuda:0`) is of no
-    /// account.
-    fn persistent(&mut self, at: usize) -> Result<()> {
-        let wrong = Rule::Call { at, what: "a storage" };
-        let Value::Tuple(id) = self.pop(at)? else { return Err(wrong) };
-        let (kind, dtype, key, elements) = match self.pools.tuples[id.range()] {
-            [kind, Value::Global(Global::Storage(dtype)), Value::Text(key), _, Value::Int(elements)] => {
-                (kind, dtype, key, elements)
-            }
-            _ => return Err(wrong),
-        };
-        let (Some("storage"), Ok(elements)) = (self.pools.text(kind), u64::try_from(elements)) else {
-            return Err(wrong);
-        };
-        self.pools.storages.push(Storage { dtype, key, elements });
-        self.stack.push(Value::Storage(self.pools.storages.len() as u32 - 1));
-        Ok(())
-    }
-}
-
-/// A name of the file, cut to what fits into a message.
-fn clipped(name: &str) -> String {
-    name.chars().take(100).collect()
 }

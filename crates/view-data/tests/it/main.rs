@@ -14,5 +14,6 @@ mod lens;
 mod load;
 mod nerfstudio;
 mod open;
+mod pickle;
 mod re10k;
 mod select;

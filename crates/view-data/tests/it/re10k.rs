@@ -1,6 +1,7 @@
 //! RealEstate10K's camera files and frames.
 
 use crate::folder::{Folder, chain};
+use proptest::prelude::*;
 use view_data::{Error, Format, ImageSource, Re10kRule, list_re10k, open, open_re10k};
 
 fn line(timestamp: u64, x: f64) -> String {
@@ -92,4 +93,30 @@ fn every_rule_is_named_with_its_line() {
     std::fs::write(folder.path("00a1.txt"), b"\xff\n1").unwrap();
     let error = list_re10k(folder.root()).unwrap().open("00a1").unwrap_err();
     assert!(matches!(error, Error::Re10k { rule: Re10kRule::NotText, .. }));
+}
+
+proptest! {
+    /// Damaged text is an error or a data set, and the picture's folder is no way out of it.
+    #[test]
+    fn damaged_camera_files_never_panic(
+        flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..5),
+        cut in proptest::option::of(any::<prop::sample::Index>()),
+    ) {
+        let folder = Folder::new();
+        clip(&folder, "00a1");
+        let path = folder.path("00a1.txt");
+        let mut bytes = std::fs::read(&path).unwrap();
+        for (at, value) in flips {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(bytes.len()));
+        }
+        std::fs::write(&path, bytes).unwrap();
+        if let Ok(scene) = list_re10k(folder.root()).unwrap().open("00a1") {
+            prop_assert!(scene.cameras().is_ok());
+            prop_assert!(scene.frames.iter().all(|frame| frame.image.path().starts_with(folder.root())));
+        }
+    }
 }
