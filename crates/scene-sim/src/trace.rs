@@ -290,4 +290,6 @@ impl Traced {
 #[cfg(test)]
 mod mesh_tests;
 #[cfg(test)]
+mod surface_tests;
+#[cfg(test)]
 mod tests;

@@ -8,7 +8,7 @@ fn material() -> Material {
     Material { pattern: Pattern::Plain { colour: [0.5; 3] }, mottle: 0.0, seed: 0, finish: Finish::Matte }
 }
 
-fn scene(vertices: Vec<DVec3>, faces: Vec<Vec<u32>>, centre: DVec3, rotation: DVec3) -> Scene {
+pub(super) fn scene(vertices: Vec<DVec3>, faces: Vec<Vec<u32>>, centre: DVec3, rotation: DVec3) -> Scene {
     let source = MeshSource::Inline { vertices, faces, colours: Vec::new() };
     let mesh = Mesh { name: "mesh".into(), source, centre, rotation, scale: 1.0, material: material() };
     let sky = Sky { zenith: [0.5; 3], horizon: [0.5; 3], ground: [0.5; 3], light: 1.0, occlusion: None };
@@ -16,7 +16,7 @@ fn scene(vertices: Vec<DVec3>, faces: Vec<Vec<u32>>, centre: DVec3, rotation: DV
 }
 
 /// An octahedron whose faces are cut into `cuts`² triangles, each vertex at `radius` of its direction.
-fn star(cuts: u32, radius: impl Fn(DVec3) -> f64) -> (Vec<DVec3>, Vec<Vec<u32>>) {
+pub(super) fn star(cuts: u32, radius: impl Fn(DVec3) -> f64) -> (Vec<DVec3>, Vec<Vec<u32>>) {
     let (mut vertices, mut faces) = (Vec::new(), Vec::new());
     let mut numbers = std::collections::HashMap::new();
     for signs in 0..8 {
