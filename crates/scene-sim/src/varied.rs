@@ -1,58 +1,17 @@
 //! Endless variants of one kind of scene, for tests and evaluation of stereo: a room open to the sky and to the
 //! camera, with things on its floor and on a table.
 
-use crate::noise::{hash, unit};
+use crate::random::Random;
 use crate::stage::{Stage, noise, plain, print, v, wood};
 use crate::trajectory::{Trajectory, lens};
-use crate::{Pattern, Result, Rgb, Scene, Shape, Sky, Sun};
+use crate::{Pattern, Result, Scene, Shape, Sky, Sun};
 use glam::{DVec2, DVec3};
 use gs_scene::Camera;
 
 /// Distance of two things on the floor, and of a thing from a wall, metres.
 const GAP: f64 = 0.06;
 
-/// A sequence of random numbers that depends on the seed alone.
-struct Random {
-    seed: u32,
-    drawn: u32,
-}
-
 impl Random {
-    /// `stream` keeps the uses of one seed apart.
-    fn new(seed: u64, stream: u32) -> Self {
-        Self { seed: hash(seed as u32, (seed >> 32) as u32, stream, 1), drawn: 0 }
-    }
-
-    fn bits(&mut self) -> u32 {
-        self.drawn += 1;
-        hash(self.drawn, 0, 0, self.seed)
-    }
-
-    fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * unit(self.bits())
-    }
-
-    fn chance(&mut self, probability: f64) -> bool {
-        unit(self.bits()) < probability
-    }
-
-    /// A colour of a brightness in 0..1, greyish or strong.
-    fn colour(&mut self, brightness: f64) -> Rgb {
-        let hue = self.within(0.0, std::f64::consts::TAU);
-        let strength = self.within(0.03, 0.22);
-        // Three cosines a third of a turn apart: the channels sum to three times the brightness.
-        [0.0, 1.0, 2.0].map(|third: f64| {
-            let wave = (hue + third * std::f64::consts::TAU / 3.0).cos();
-            (brightness + strength * wave).clamp(0.02, 0.98) as f32
-        })
-    }
-
-    /// A light and a dark colour.
-    fn colours(&mut self) -> [Rgb; 2] {
-        let (light, dark) = (self.within(0.6, 0.85), self.within(0.15, 0.4));
-        [self.colour(light), self.colour(dark)]
-    }
-
     /// A pattern for a thing about `size` metres large; one in four is plain.
     fn pattern(&mut self, size: f64) -> Pattern {
         let [light, dark] = self.colours();
