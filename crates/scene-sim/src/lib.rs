@@ -30,7 +30,7 @@ pub use light::{Lamp, Occlusion, Sky, Sun};
 pub use material::{Finish, Material, Pattern, Rgb};
 pub use mesh::{Mesh, MeshSource};
 pub use photographs::{Aperture, Exposure, Photographs, SensorNoise};
-pub use read::{read_scene, write_scene};
+pub use read::{read_photographs, read_scene, write_scene};
 pub use render::{Photograph, RayCounts, photograph, photograph_with_light, render_counted, render_view};
 pub use replica::replica_scene;
 pub use scene::{Primitive, SCENE_VERSION, Scene, Shape};

@@ -1,11 +1,12 @@
 //! Descriptions in files: RON (Rusty Object Notation).
 
 use crate::check::check;
-use crate::{Error, Result, SCENE_VERSION, Scene};
+use crate::{Error, Photographs, Result, SCENE_VERSION, Scene};
 use gs_scene::write_atomically;
 use ron::extensions::Extensions;
 use ron::ser::PrettyConfig;
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use std::path::Path;
 
 /// What is there may be written without `Some`.
@@ -23,6 +24,27 @@ pub fn read_scene(path: &Path) -> Result<Scene> {
     let text = std::fs::read_to_string(path).map_err(io)?;
     let broken = |problem| Error::Description { path: path.to_path_buf(), problem: Box::new(problem) };
     Scene::from_ron(&text).map_err(broken)
+}
+
+/// Reads how to photograph a scene: the RON of [`Photographs`] alone.
+///
+/// # Errors
+/// If the file cannot be read, or is not RON or no [`Photographs`] (with line and column). Its numbers are checked when the first
+/// picture is taken.
+pub fn read_photographs(path: &Path) -> Result<Photographs> {
+    let io = |source| Error::Io { action: "read", path: path.to_path_buf(), source };
+    let text = std::fs::read_to_string(path).map_err(io)?;
+    let broken = |problem| Error::Description { path: path.to_path_buf(), problem: Box::new(problem) };
+    parse(&text).map_err(broken)
+}
+
+/// Reads a value; what is wrong is told with line and column.
+fn parse<T: DeserializeOwned>(text: &str) -> Result<T> {
+    dialect().from_str(text).map_err(|error| Error::Syntax {
+        line: error.span.start.line,
+        column: error.span.start.col,
+        reason: Box::new(error.code),
+    })
 }
 
 /// Writes a description as [`read_scene`] reads it.
@@ -51,11 +73,7 @@ impl Scene {
         {
             return Err(Error::Version { found: version, expected: SCENE_VERSION });
         }
-        let scene = dialect().from_str(text).map_err(|error| Error::Syntax {
-            line: error.span.start.line,
-            column: error.span.start.col,
-            reason: Box::new(error.code),
-        })?;
+        let scene = parse(text)?;
         check(&scene)?;
         Ok(scene)
     }

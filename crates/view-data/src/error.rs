@@ -216,8 +216,20 @@ pub enum Error {
         /// Height that the intrinsics are for.
         stated_height: usize,
     },
-    /// A depth file that is not 16-bit greyscale.
-    #[error("{}: depth is {found}, expected a 16-bit greyscale PNG (0 = no measurement)", path.display())]
+    /// An EXR file that cannot be decoded.
+    #[error("{}: cannot be decoded, expected a complete EXR file", path.display())]
+    Exr {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: exr::error::Error,
+    },
+    /// A depth file that holds no depth.
+    #[error(
+        "{}: depth is {found}, expected a 16-bit greyscale PNG or one EXR channel of floats (0 = no measurement)",
+        path.display()
+    )]
     DepthFormat {
         /// The file.
         path: PathBuf,

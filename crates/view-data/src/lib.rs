@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod error;
+mod exr_depth;
 
 mod dataset;
 mod points;

@@ -157,6 +157,7 @@ impl DepthGrid<'_> {
                 let position = to_picture(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)) * scale;
                 let count =
                     f64::from(counts[nearest(position.y, height) * width + nearest(position.x, width)]);
+                // Not so for NaN.
                 let measured = count <= self.file.max_count;
                 data.push(if measured { (count * self.file.unit) as f32 } else { 0.0 });
             }

@@ -1,6 +1,6 @@
 //! Decoding: PNG and JPEG files to pictures and depth counts.
 
-use crate::{Error, ImageSource, Result};
+use crate::{Error, ImageSource, Result, exr_depth};
 use gs_scene::Image;
 use image::{DynamicImage, ImageError, ImageReader};
 use std::fs::File;
@@ -50,7 +50,7 @@ fn read_bytes(image: &ImageSource, frame: &str, most: u64) -> Result<Vec<u8>> {
 /// An RGB picture in 0..1. Greyscale is spread to three channels, 16 bits are divided by 65535, alpha is blended
 /// onto black.
 pub(crate) fn read_image(image: &ImageSource, frame: &str) -> Result<Image> {
-    let decoded = decode(image, frame)?;
+    let decoded = decode(image, &read_bytes(image, frame, u64::MAX)?)?;
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     let has_alpha = decoded.color().has_alpha();
     let deep = decoded.color().bytes_per_pixel() / decoded.color().channel_count() > 1;
@@ -66,11 +66,18 @@ pub(crate) fn read_image(image: &ImageSource, frame: &str) -> Result<Image> {
     image.map_err(|source| Error::View { frame: frame.to_owned(), source })
 }
 
-/// Depth counts of a 16-bit greyscale PNG: width, height, `[height, width]`; 0 = no measurement.
-pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<(usize, usize, Vec<u16>)> {
-    match decode(&ImageSource::File(path.to_path_buf()), frame)? {
+/// Depth of a 16-bit greyscale PNG, or an EXR file: width, height, `[height, width]` counts; 0, and in EXR what is not finite or
+/// above 0, is no measurement.
+pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<(usize, usize, Vec<f32>)> {
+    let source = ImageSource::File(path.to_path_buf());
+    let bytes = read_bytes(&source, frame, u64::MAX)?;
+    if bytes.starts_with(&EXR_MAGIC) {
+        return exr_depth::read(&bytes, path);
+    }
+    match decode(&source, &bytes)? {
         DynamicImage::ImageLuma16(depth) => {
-            Ok((depth.width() as usize, depth.height() as usize, depth.into_raw()))
+            let counts = depth.as_raw().iter().map(|count| f32::from(*count)).collect();
+            Ok((depth.width() as usize, depth.height() as usize, counts))
         }
         other => {
             let path = path.to_path_buf();
@@ -79,9 +86,11 @@ pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<(usize, usize, Vec<
     }
 }
 
-fn decode(image: &ImageSource, frame: &str) -> Result<DynamicImage> {
-    let bytes = read_bytes(image, frame, u64::MAX)?;
-    if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_has_end(&bytes) {
+/// How an EXR file begins.
+const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+fn decode(image: &ImageSource, bytes: &[u8]) -> Result<DynamicImage> {
+    if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_has_end(bytes) {
         return Err(Error::TruncatedJpeg { image: image.clone() });
     }
     let damaged = |source| Error::Picture { image: image.clone(), source };

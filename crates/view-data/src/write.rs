@@ -1,7 +1,6 @@
 //! Writing data sets in the layouts in which people have theirs.
 
 mod colmap;
-mod depth;
 mod error;
 mod nerfstudio;
 mod picture;
@@ -181,7 +180,7 @@ impl FrameToWrite<'_> {
     }
 }
 
-fn broken(path: &Path, rule: WriteRule) -> Error {
+pub(crate) fn broken(path: &Path, rule: WriteRule) -> Error {
     Error::Write { path: path.to_path_buf(), rule }
 }
 
@@ -190,7 +189,7 @@ fn make_folder(path: &Path) -> Result<()> {
 }
 
 /// Writes a small text or binary file.
-fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
+pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
     gs_scene::write_atomically(path, |writer| writer.write_all(bytes))
         .map_err(|source| broken(path, WriteRule::File(source)))
 }

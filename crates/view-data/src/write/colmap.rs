@@ -208,7 +208,7 @@ fn sees(frame: &FrameToWrite<'_>, position: DVec3) -> Option<DVec2> {
         && pixel.y < depth.height() as f64
         // Far outside the picture distortion may fold back into it.
         && (frame.lens.undistort(pixel)? - seen.truncate() / seen.z).length() < 1e-6;
-    let found = depth_at(depth, pixel.x as usize, pixel.y as usize).filter(|_| inside)?;
+    let found = if inside { depth_at(depth, pixel.x as usize, pixel.y as usize)? } else { return None };
     ((found - seen.z).abs() <= SAME_DEPTH * seen.z).then_some(pixel)
 }
 

@@ -1,7 +1,7 @@
 //! nerfstudio's `transforms.json`.
 
-use super::{FrameToWrite, depth, samples, write_file};
-use crate::{DepthPercentiles, Result};
+use super::{FrameToWrite, samples, write_file};
+use crate::{DepthPercentiles, Result, exr_depth};
 use glam::DVec3;
 use gs_scene::Lens;
 use serde_json::{Map, Value, json};
@@ -27,7 +27,7 @@ impl Transforms {
         entry.insert("transform_matrix".into(), json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]));
         if let Some(map) = frame.view.depth() {
             let path = format!("depth/{}.exr", frame.view.name());
-            depth::write(map, &frame.folder.join(&path))?;
+            exr_depth::write(map, &frame.folder.join(&path))?;
             entry.insert("depth_file_path".into(), path.into());
             self.depths
                 .extend(samples::samples(frame.view, frame.lens).map(|(_, sample)| sample.depth as f32));

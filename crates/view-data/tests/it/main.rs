@@ -17,3 +17,4 @@ mod open;
 mod pickle;
 mod re10k;
 mod select;
+mod write;
