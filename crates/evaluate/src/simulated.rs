@@ -2,7 +2,7 @@
 
 use crate::{Result, Window};
 use gs_scene::{Camera, View};
-use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
+use scene_sim::{Kind, Traced, demo_cameras, demo_scene, generate, photograph, render_view};
 use std::fmt;
 
 /// Size of the simulated photographs, pixels.
@@ -13,12 +13,15 @@ pub const SIMULATED_SIZE: (usize, usize) = (480, 320);
 pub enum SimulatedScene {
     /// The scene of the demonstration.
     Courtyard,
+    /// A scene of the generator, by its seed.
+    Generated(Kind, u64),
 }
 
 impl fmt::Display for SimulatedScene {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Courtyard => f.write_str("courtyard"),
+            Self::Generated(kind, seed) => write!(f, "{}-{seed}", kind.name()),
         }
     }
 }
@@ -29,6 +32,9 @@ const SAMPLES: u32 = 9;
 /// Seed of the rays: a photograph does not depend on how it is sampled later.
 const SEED: u64 = 0;
 
+/// Frames of a window of a generated scene: context and held-out views take turns.
+const FRAMES: usize = 11;
+
 /// A simulated scene as a window: six context views and the five held-out views between them, with exact depth. Ray tracing
 /// stands for taking the photographs: it does not count as loading.
 ///
@@ -37,6 +43,7 @@ const SEED: u64 = 0;
 pub fn simulated_window(scene: SimulatedScene, size: (usize, usize)) -> Result<Window> {
     let views = match scene {
         SimulatedScene::Courtyard => courtyard(size)?,
+        SimulatedScene::Generated(kind, seed) => generated(kind, seed, size)?,
     };
     let mut window = Window {
         name: format!("{scene}/0"),
@@ -63,6 +70,16 @@ fn courtyard(size: (usize, usize)) -> Result<Vec<View>> {
         Ok(render_view(&scene, &camera, SAMPLES, format!("view-{position:02}"), SEED)?)
     };
     (0..context.len() + targets.len()).map(view).collect()
+}
+
+/// Pictures as the scene has them taken, without distortion: a window has pinhole views.
+fn generated(kind: Kind, seed: u64, (width, height): (usize, usize)) -> Result<Vec<View>> {
+    let scene = generate(kind, seed);
+    let traced = Traced::new(&scene)?;
+    let photographs = scene.photographs.ok_or(crate::Error::NoContext)?;
+    let photographs =
+        scene_sim::Photographs { width, height, count: FRAMES, distortion: None, ..photographs };
+    (0..FRAMES).map(|index| Ok(photograph(&traced, &photographs, index, SEED)?.view)).collect()
 }
 
 /// A view as a camera would store it: the tables compare with 8-bit photographs.

@@ -43,6 +43,24 @@ pub enum Kind {
 impl Kind {
     /// All kinds.
     pub const ALL: [Self; 5] = [Self::Room, Self::Desk, Self::Shelves, Self::Facade, Self::Garden];
+
+    /// The kind that belongs to a seed, where any will do.
+    #[must_use]
+    pub fn of_seed(seed: u64) -> Self {
+        Random::new(seed, 0x616e_7900).pick(&Self::ALL)
+    }
+
+    /// What a user calls it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Room => "room",
+            Self::Desk => "desk",
+            Self::Shelves => "shelves",
+            Self::Facade => "facade",
+            Self::Garden => "garden",
+        }
+    }
 }
 
 /// Draws a path that may be of use.
@@ -101,5 +119,5 @@ fn build(kind: Kind, seed: u64, attempt: u32) -> (Scene, Random, view::Wish, Dra
 /// As [`generate`].
 #[must_use]
 pub fn generate_any(seed: u64) -> Scene {
-    generate(Random::new(seed, 0x616e_7900).pick(&Kind::ALL), seed)
+    generate(Kind::of_seed(seed), seed)
 }

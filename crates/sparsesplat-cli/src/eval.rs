@@ -12,6 +12,7 @@ use evaluate::{
     Dropped, Evaluation, Event, Method, PictureLimits, Plan, Reading, Recipe, Report, SIMULATED_SIZE,
     SimulatedScene, Windows, evaluate, figures_table, peak_rss_bytes, refinement_plot,
 };
+use scene_sim::Kind;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -179,7 +180,9 @@ fn plans(arguments: &Arguments) -> Outcome<(Vec<Plan>, Vec<Dropped>, Reading)> {
             ));
         }
         let size = arguments.size.unwrap_or(SIMULATED_SIZE);
-        let scenes = std::iter::once(SimulatedScene::Courtyard);
+        let generated =
+            (0..arguments.scenes).map(|seed| SimulatedScene::Generated(Kind::of_seed(seed), seed));
+        let scenes = std::iter::once(SimulatedScene::Courtyard).chain(generated);
         return Ok((scenes.map(|scene| Plan::simulated(scene, size)).collect(), Vec::new(), reading));
     }
     let Some(root) = &arguments.root else {

@@ -13,6 +13,7 @@ mod output;
 mod progress;
 mod reconstruct;
 mod render;
+mod simulate;
 mod summary;
 
 use arguments::Common;
@@ -46,6 +47,7 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     Render(render::Arguments),
     Eval(eval::Arguments),
+    Simulate(simulate::Arguments),
     Doctor(doctor::Arguments),
     Bench(bench::Arguments),
 }
@@ -74,6 +76,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Reconstruct(arguments) => reconstruct::run(arguments, common),
         Command::Render(arguments) => render::run(arguments, common),
         Command::Eval(arguments) => eval::run(arguments, common),
+        Command::Simulate(arguments) => simulate::run(arguments, common),
         Command::Doctor(arguments) => doctor::run(arguments, common),
         Command::Bench(arguments) => bench::run(arguments, common),
     }

@@ -3,10 +3,10 @@
 use crate::arguments::{Common, positive, size};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::Progress;
-use crate::summary::{count, memory_line, print_line};
+use crate::summary::{memory_line, print_line};
 use crate::{output, threads};
 use clap::{Args, ValueEnum};
-use evaluate::{Recipe, peak_rss_bytes};
+use evaluate::{Recipe, count, peak_rss_bytes};
 use gs_scene::Camera;
 use scene_sim::{Kind, Photographs, RayCounts, Scene, Traced};
 use serde::Serialize;
@@ -156,7 +156,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let jobs = jobs(arguments)?;
     if let (Some(path), [job]) = (&arguments.write_scene, jobs.as_slice()) {
         let described = Scene { photographs: Some(job.photographs.clone()), ..job.scene.clone() };
-        output::write_text(path, &described.to_ron().or_work()?)?;
+        output::write_text(path, &described.to_ron())?;
     }
     let progress = Progress::new(jobs.iter().map(|job| job.photographs.count).sum());
     let mut records = Vec::with_capacity(jobs.len());
@@ -180,7 +180,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         }
         if record.depth_out_of_range > 0 {
             let lost = count(record.depth_out_of_range as f64);
-            print_line(&format!("  depth of {lost} pixels is beyond what the layout holds, and is not written"));
+            print_line(&format!(
+                "  depth of {lost} pixels is beyond what the layout holds, and is not written"
+            ));
         }
     }
     print_line(&memory_line(peak_rss_bytes()));
@@ -251,8 +253,7 @@ fn simulate(job: &Job, arguments: &Arguments, progress: &Progress) -> Outcome<Sc
     for index in 0..job.photographs.count {
         progress.say(format!("{}: frame {index}", job.name));
         let begin = Instant::now();
-        let photograph =
-            scene_sim::photograph(&traced, &job.photographs, index, job.seed).or_input()?;
+        let photograph = scene_sim::photograph(&traced, &job.photographs, index, job.seed).or_input()?;
         render += begin.elapsed().as_secs_f64();
         rays = rays + photograph.rays;
         cameras.push(*photograph.view.camera());
@@ -263,12 +264,22 @@ fn simulate(job: &Job, arguments: &Arguments, progress: &Progress) -> Outcome<Sc
         progress.step();
     }
     let written = writer.finish().or_work()?;
-    let folder_name = job.target.file_name().map_or_else(|| job.name.clone(), |name| name.to_string_lossy().into());
+    let folder_name =
+        job.target.file_name().map_or_else(|| job.name.clone(), |name| name.to_string_lossy().into());
     let windows = match DepthPercentiles::of(&mut depths) {
         Some(percentiles) => {
             let count = cameras.len().div_ceil(FRAMES_PER_WINDOW);
-            let (windows, _) =
-                view_data::windows_along(&folder_name, &cameras, CONTEXT, count, percentiles.into()).or_work()?;
+            let along = |context| {
+                view_data::windows_along(&folder_name, &cameras, context, count, percentiles.into())
+            };
+            // A short path has room for fewer context views.
+            let mut windows = Vec::new();
+            for context in (2..=CONTEXT).rev() {
+                windows = along(context).or_work()?.0;
+                if !windows.is_empty() {
+                    break;
+                }
+            }
             windows
         }
         None => Vec::new(),
@@ -292,7 +303,7 @@ fn simulate(job: &Job, arguments: &Arguments, progress: &Progress) -> Outcome<Sc
 const DEPTH_STEP: usize = 101;
 /// Windows of the index begin every so many frames.
 const FRAMES_PER_WINDOW: usize = 40;
-/// Context views of a window.
+/// Context views of a window, where the path has room for them.
 const CONTEXT: usize = 6;
 
 impl KindName {

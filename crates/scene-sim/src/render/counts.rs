@@ -1,10 +1,11 @@
 //! What a picture cost, by kind.
 
+use serde::Serialize;
 use std::ops::Add;
 
 /// What a picture took, by kind: rays first, then what else is done per sample, pixel or row. What a scene and its
 /// photographs do not call for is 0.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
 pub struct RayCounts {
     /// Rays from the camera for the colour: one per sample.
