@@ -5,6 +5,7 @@ mod error;
 mod check;
 mod check_lights;
 mod demo;
+mod exr_files;
 mod generate;
 mod light;
 mod material;
@@ -25,6 +26,7 @@ mod varied;
 
 pub use demo::{demo_cameras, demo_scene};
 pub use error::{Error, MeshRule, Result};
+pub use exr_files::{write_exr_depth, write_exr_rgb};
 pub use generate::{Kind, generate, generate_any};
 pub use light::{Lamp, Occlusion, Sky, Sun};
 pub use material::{Finish, Material, Pattern, Rgb};
