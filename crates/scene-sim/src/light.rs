@@ -14,12 +14,17 @@ pub struct Sun {
     pub colour: Rgb,
     /// What a white surface that faces the sun reflects of it, as a share of display white.
     pub strength: f32,
-    /// Angle under which it is seen, degrees: 0.53 for the real one. With 0 its shadows are hard and cost one ray.
+    /// Angle under which it is seen, degrees, 0 to 90: 0.53 for the real one. Its shadows are hard with 0, and soft with
+    /// more; both cost one ray per colour sample on a surface that faces it, so soft edges want several samples.
     #[serde(default)]
     pub diameter: f64,
 }
 
 /// A lamp: a rectangle that sheds light to its front (its own +z), and is seen as a bright surface from there.
+///
+/// A white surface shows, in shares of display white, strength x cos a x cos b / d² averaged over the lamp: d metres lie
+/// between the two places, at the angle a to the surface's normal and b to the lamp's. The lamp itself is as bright as
+/// a Lambert emitter that sheds this light: pi x strength / its area. One ray per colour sample goes to a place on it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lamp {
@@ -30,7 +35,8 @@ pub struct Lamp {
     /// Turns about the world's x, then y, then z axis, degrees: 180 about x shines straight down.
     #[serde(default)]
     pub rotation: DVec3,
-    /// Extent along its own x and y, metres. With 0 by 0 it is a point: hard shadows that cost one ray, and not seen.
+    /// Extent along its own x and y, metres. With 0 by 0 it is a point, with one 0 a line: neither is seen. The shadows
+    /// of a point are hard.
     pub size: DVec2,
     /// Colour of its light.
     pub colour: Rgb,
@@ -50,14 +56,16 @@ pub struct Sky {
     /// Colour below the horizon.
     pub ground: Rgb,
     /// What surfaces receive from all sides, as a multiple of the background's own brightness: a surface that
-    /// looks up gets the mean of zenith and horizon, one that looks down the ground's colour.
+    /// looks up gets the mean of zenith and horizon, one that looks down the ground's colour. Without occlusion this
+    /// light passes through walls: give a closed room a `light` of 0 or occlusion, and lamps.
     pub light: f32,
     /// How things close by keep the light from all sides off a surface. Without it none is kept off, at no cost.
     #[serde(default)]
     pub occlusion: Option<Occlusion>,
 }
 
-/// Ambient occlusion.
+/// Ambient occlusion: the share of rays, spread over the hemisphere by the cosine, that meet something within reach.
+/// Glass and lamps keep nothing off. Light that surfaces throw to each other is not simulated.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Occlusion {
