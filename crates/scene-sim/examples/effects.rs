@@ -277,14 +277,14 @@ fn per_pixel(counts: &RayCounts, pixels: f64) -> String {
     let mut text = String::new();
     for (name, count) in kinds.into_iter().filter(|(_, count)| *count > 0) {
         let separator = if text.is_empty() { "" } else { ", " };
-        let _ = write!(text, "{separator}{name} {:.2}", count as f64 / pixels);
+        let _ = write!(text, "{separator}{name} {:.3}", count as f64 / pixels);
     }
     text
 }
 
 fn run(folder: Option<&Path>) -> Result<(), Box<dyn Error>> {
     println!(
-        "| effect | time with / without | ns per pixel more | per pixel, beside 9 + 1 camera rays | mean difference | PSNR |"
+        "| effect | time with / without | ns per pixel more | per pixel, beside 9 + 1 camera rays | mean difference | PSNR, dB |"
     );
     println!("|---|---|---|---|---|---|");
     for (name, base, effect) in EFFECTS {
@@ -300,7 +300,7 @@ fn run(folder: Option<&Path>) -> Result<(), Box<dyn Error>> {
         let (mean, psnr) = difference(&before, &after);
         let counts = per_pixel(&after.rays, pixels);
         let (ratio, price) = (median(ratios), median(prices));
-        println!("| {name} | {ratio:.2} | {price:.0} | {counts} | {mean:.4} | {psnr:.1} dB |");
+        println!("| {name} | {ratio:.2} | {price:.0} | {counts} | {mean:.4} | {psnr:.1} |");
         if let Some(folder) = folder {
             save(folder, name, &after)?;
         }

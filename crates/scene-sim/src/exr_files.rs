@@ -4,7 +4,7 @@ use crate::Result;
 use exr::error::UnitResult;
 use exr::prelude::{Encoding, Image as Exr, SpecificChannels, Vec2, WritableImage};
 use gs_scene::{DepthMap, Image, write_atomically};
-use std::io::{Cursor, Error as IoError, Write};
+use std::io::{Cursor, Error as IoError};
 use std::path::Path;
 
 /// Writes a depth map as one channel `Z`, 32-bit float, scene units, 0 = no depth.
