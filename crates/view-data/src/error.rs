@@ -67,7 +67,7 @@ pub enum Error {
         #[source]
         source: serde_json::Error,
     },
-    /// A `transforms.json` breaks a rule of its format.
+    /// A `transforms.json`, or another JSON file of a camera, breaks a rule of its format.
     #[error("{}: {}{rule}", path.display(), place(frame.as_deref()))]
     Transforms {
         /// The file.
@@ -221,11 +221,23 @@ pub enum Error {
     Exr {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The decoder's reason.
         #[source]
         source: exr::error::Error,
     },
-    /// A depth file that holds no depth.
+    /// A file that is too short for the picture that its header announces.
+    #[error("{}: {bytes} bytes cannot hold the {width}x{height} pixels that the header announces", path.display())]
+    Unlikely {
+        /// The file.
+        path: PathBuf,
+        /// Pixels per row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Length of the file.
+        bytes: usize,
+    },
+    /// A depth file that holds something else.
     #[error(
         "{}: depth is {found}, expected a 16-bit greyscale PNG or one EXR channel of floats (0 = no measurement)",
         path.display()

@@ -1,6 +1,7 @@
 //! From frames to views: decode, undistort, resize, crop, attach depth.
 
-use crate::picture::{check_pixels, read_depth, read_image};
+use crate::depth::{Counts, read_depth};
+use crate::picture::{check_pixels, read_image};
 use crate::undistort::Undistortion;
 use crate::{Dataset, DepthFile, Error, Frame, Result};
 use glam::DVec2;
@@ -51,7 +52,7 @@ impl Dataset {
     }
 }
 
-fn load(frame: &Frame, size: Option<(usize, usize)>) -> Result<View> {
+pub(crate) fn load(frame: &Frame, size: Option<(usize, usize)>) -> Result<View> {
     let invalid = |source| Error::View { frame: frame.name.clone(), source };
     let image = read_image(&frame.image, &frame.name)?;
     let (file_width, file_height) = (image.width(), image.height());
@@ -138,27 +139,38 @@ struct DepthGrid<'a> {
 impl DepthGrid<'_> {
     /// The depth map of a view, whose pixel positions `to_picture` takes to the undistorted picture's file.
     fn sample(&self, view: Intrinsics, to_picture: impl Fn(DVec2) -> DVec2) -> Result<DepthMap> {
-        let (width, height, counts) = read_depth(&self.file.path, self.frame)?;
-        let (sx, sy) = (width as f64 / self.picture.0 as f64, height as f64 / self.picture.1 as f64);
-        if (sx / sy - 1.0).abs() > gs_scene::MAX_ASPECT_DEVIATION {
+        let Counts { width, height, values } = read_depth(&self.file.path, self.frame)?;
+        // The size that pixel positions are for: of the depth's own pinhole, or of the picture.
+        let stated = self.file.intrinsics.map_or(self.picture, |pinhole| (pinhole.width, pinhole.height));
+        let scale = DVec2::new(width as f64 / stated.0 as f64, height as f64 / stated.1 as f64);
+        if (scale.x / scale.y - 1.0).abs() > gs_scene::MAX_ASPECT_DEVIATION {
             return Err(Error::Aspect {
                 path: self.file.path.clone(),
                 width,
                 height,
-                stated_width: self.picture.0,
-                stated_height: self.picture.1,
+                stated_width: stated.0,
+                stated_height: stated.1,
             });
         }
-        let scale = DVec2::new(sx, sy);
-        let nearest = |v: f64, side: usize| (v.max(0.0) as usize).min(side - 1);
         let mut data = Vec::with_capacity(view.width * view.height);
         for y in 0..view.height {
             for x in 0..view.width {
-                let position = to_picture(DVec2::new(x as f64 + 0.5, y as f64 + 0.5)) * scale;
-                let count =
-                    f64::from(counts[nearest(position.y, height) * width + nearest(position.x, width)]);
-                // Not so for NaN.
-                let measured = count <= self.file.max_count;
+                let position = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+                let position = match &self.file.intrinsics {
+                    None => to_picture(position).max(DVec2::ZERO),
+                    Some(Intrinsics { fx, fy, cx, cy, .. }) => {
+                        let ray = view.ray(position);
+                        DVec2::new(fx * ray.x + cx, fy * ray.y + cy)
+                    }
+                };
+                let place = position * scale;
+                // A depth camera of its own may see less than the picture.
+                let inside = place.x >= 0.0 && place.y >= 0.0;
+                let inside = inside
+                    && (self.file.intrinsics.is_none() || place.x < width as f64 && place.y < height as f64);
+                let (column, row) = ((place.x as usize).min(width - 1), (place.y as usize).min(height - 1));
+                let count = f64::from(values[row * width + column]);
+                let measured = inside && count > 0.0 && count <= self.file.max_count && count.is_finite();
                 data.push(if measured { (count * self.file.unit) as f32 } else { 0.0 });
             }
         }

@@ -1,14 +1,15 @@
 //! nerfstudio's `transforms.json`: intrinsics per frame or for the file, camera-to-world poses with OpenGL axes
 //! (x right, y up, z backward).
 
-mod keys;
+pub(crate) mod keys;
 mod pictures;
 
 use crate::dataset::nearest_rotation;
 use crate::files::{folder_name, name_frames};
+use crate::points::PointSource;
 use crate::{
     Dataset, DepthFile, DepthPercentiles, Distortion, Dropped, Error, Format, Frame, ImageSource, Lens,
-    Result, TransformsRule as Rule,
+    LensModel, Result, TransformsRule as Rule,
 };
 use glam::{DMat3, DVec3};
 use gs_scene::Intrinsics;
@@ -18,8 +19,19 @@ use serde_json::Value;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Camera models that are a pinhole with distortion by k1 k2 k3 p1 p2.
-pub(crate) const MODELS: [&str; 5] = ["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL"];
+/// Camera models that are read: pinholes with distortion by k1 k2 k3 p1 p2, or all of k1 to k6 and p1 p2, and
+/// equidistant projections with k1 k2 k3 k4.
+pub(crate) const MODELS: [&str; 9] = [
+    "PINHOLE",
+    "SIMPLE_PINHOLE",
+    "OPENCV",
+    "SIMPLE_RADIAL",
+    "RADIAL",
+    "FULL_OPENCV",
+    "OPENCV_FISHEYE",
+    "SIMPLE_RADIAL_FISHEYE",
+    "RADIAL_FISHEYE",
+];
 /// Longest side of a picture, pixels.
 pub(crate) const MAX_SIDE: usize = 1 << 20;
 /// Keys of the camera that stand on a frame or at the top of the file.
@@ -84,8 +96,10 @@ fn open_file(file: PathBuf, picture_folder: Option<&Path>) -> Result<Dataset> {
     let on_some_frame = |key: &&str| !shared.has(key) && frames.iter().any(|frame| frame.has(key));
     let per_frame: Vec<_> = CAMERA_KEYS.into_iter().filter(on_some_frame).collect();
 
-    let unit = shared.number("depth_unit_scale_factor")?.unwrap_or(DEFAULT_DEPTH_UNIT);
-    shared.require(unit > 0.0, "depth_unit_scale_factor", unit, "a number above 0")?;
+    let unit = shared.number("depth_unit_scale_factor")?;
+    if let Some(unit) = unit {
+        shared.require(unit > 0.0, "depth_unit_scale_factor", unit, "a number above 0")?;
+    }
 
     let mut pictures = Pictures::new(&root, picture_folder);
     let mut position_of = HashMap::new();
@@ -114,14 +128,14 @@ fn open_file(file: PathBuf, picture_folder: Option<&Path>) -> Result<Dataset> {
         format: Format::Nerfstudio,
         url: None,
         dropped,
-        points: None,
+        points: shared.text("ply_file_path")?.map(|path| PointSource::Ply(pictures.beside(path))),
         frames: read,
         file,
         root,
     })
 }
 
-fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: f64) -> Result<Frame> {
+fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: Option<f64>) -> Result<Frame> {
     let file_path = keys.text("file_path")?.filter(|path| !path.is_empty());
     let file_path = file_path.ok_or_else(|| keys.broken(Rule::MissingKey { key: "file_path" }))?;
     let image =
@@ -133,7 +147,7 @@ fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: f64) ->
     let frame = Frame {
         name: String::new(),
         time: None,
-        depth: keys.text("depth_file_path")?.map(|path| DepthFile::new(pictures.beside(path), unit)),
+        depth: keys.text("depth_file_path")?.map(|path| depth_file(pictures.beside(path), unit)),
         mask_path: keys.text("mask_path")?.map(|path| pictures.beside(path)),
         image,
         lens,
@@ -142,6 +156,13 @@ fn read_frame(keys: &Keys, shared: &Keys, pictures: &mut Pictures, unit: f64) ->
     };
     frame.camera().map_err(|source| keys.broken(Rule::Camera(source)))?;
     Ok(frame)
+}
+
+/// Without a stated unit, whole numbers are millimetres as nerfstudio takes them, and EXR files hold scene units.
+fn depth_file(path: PathBuf, unit: Option<f64>) -> DepthFile {
+    let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+    let unit = unit.unwrap_or(if is_exr { 1.0 } else { DEFAULT_DEPTH_UNIT });
+    DepthFile::new(path, unit)
 }
 
 fn read_lens(keys: &Keys, shared: &Keys, image: &ImageSource) -> Result<Lens> {
@@ -154,23 +175,30 @@ fn read_lens(keys: &Keys, shared: &Keys, image: &ImageSource) -> Result<Lens> {
     if let Some(model) = model.filter(|model| !MODELS.contains(model)) {
         return Err(keys.broken(Rule::Model { found: model.to_owned() }));
     }
-    if source("is_fisheye").flag("is_fisheye")? == Some(true) {
-        return Err(keys.broken(Rule::Model { found: "is_fisheye".to_owned() }));
-    }
-    for key in ["k4", "k5", "k6"] {
+    let is_fisheye = model.is_some_and(|model| model.ends_with("FISHEYE"))
+        || source("is_fisheye").flag("is_fisheye")? == Some(true);
+    let is_rational = model == Some("FULL_OPENCV");
+    // What the model has no place for must not be there.
+    let unused: &[&'static str] = match (is_fisheye, is_rational) {
+        (true, _) => &["k5", "k6", "p1", "p2"],
+        (_, true) => &[],
+        _ => &["k4", "k5", "k6"],
+    };
+    for key in unused.iter().copied() {
         let found = coefficient(key)?;
         if found != 0.0 {
             return Err(keys.broken(Rule::Coefficient { key, found }));
         }
     }
-    let distortion = Distortion {
-        k1: coefficient("k1")?,
-        k2: coefficient("k2")?,
-        k3: coefficient("k3")?,
-        p1: coefficient("p1")?,
-        p2: coefficient("p2")?,
+    let [k1, k2, k3] = [coefficient("k1")?, coefficient("k2")?, coefficient("k3")?];
+    let [k4, k5, k6] = [coefficient("k4")?, coefficient("k5")?, coefficient("k6")?];
+    let [p1, p2] = [coefficient("p1")?, coefficient("p2")?];
+    let lens_model = match (is_fisheye, is_rational) {
+        (true, _) => LensModel::Fisheye { k: [k1, k2, k3, k4] },
+        (_, true) => LensModel::Rational { k: [k1, k2, k3, k4, k5, k6], p: [p1, p2] },
+        _ => Distortion { k1, k2, k3, p1, p2 }.into(),
     };
-    if let Some(model) = model.filter(|model| model.ends_with("PINHOLE") && !distortion.is_zero()) {
+    if let Some(model) = model.filter(|model| model.ends_with("PINHOLE") && !lens_model.is_pinhole()) {
         return Err(keys.broken(Rule::DistortedPinhole { model: model.to_owned() }));
     }
 
@@ -197,7 +225,7 @@ fn read_lens(keys: &Keys, shared: &Keys, image: &ImageSource) -> Result<Lens> {
         width,
         height,
     };
-    Ok(Lens { intrinsics, model: distortion.into() })
+    Ok(Lens { intrinsics, model: lens_model })
 }
 
 fn depth_percentiles(shared: &Keys) -> Result<Option<DepthPercentiles>> {

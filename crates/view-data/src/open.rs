@@ -2,7 +2,7 @@
 
 use crate::{
     Dataset, Dropped, Error, Format, Result, open_chunks, open_colmap, open_dl3dv, open_nerfstudio,
-    open_re10k,
+    open_re10k, open_replica, open_scannet, open_tum,
 };
 use std::path::{Path, PathBuf};
 
@@ -71,7 +71,9 @@ fn open_as(path: &Path, format: Format) -> Result<Scenes> {
         Format::Dl3dv => open_dl3dv(path),
         Format::Re10k => open_re10k(path),
         Format::Colmap => one(open_colmap(path)),
-        _ => Err(no_layout(path, Some(format))),
+        Format::Replica => one(open_replica(path)),
+        Format::Tum => one(open_tum(path)),
+        Format::ScanNet => one(open_scannet(path)),
     }
 }
 
@@ -97,7 +99,9 @@ fn fits(path: &Path, format: Format) -> bool {
         Format::Dl3dv => crate::dl3dv::is_there(path),
         Format::Re10k => crate::re10k::is_there(path),
         Format::Colmap => crate::colmap::is_there(path),
-        _ => false,
+        Format::Replica => crate::replica::is_there(path),
+        Format::Tum => crate::tum::is_there(path),
+        Format::ScanNet => crate::scannet::is_there(path),
     }
 }
 
@@ -108,7 +112,7 @@ fn looked_for(format: Format) -> &'static str {
         Format::Colmap => "cameras and images (.bin or .txt) in ., sparse/0, sparse or colmap/sparse/0",
         Format::Replica => "traj.txt and results/",
         Format::Tum => "rgb.txt and groundtruth.txt",
-        Format::ScanNet => "color/, pose/ and intrinsic/",
+        Format::ScanNet => "color/ and pose/",
         Format::Chunk => "a .torch file, or .torch files in ., test/ or train/",
         Format::Dl3dv => "transforms.json or nerfstudio/transforms.json in folders named by 64 hex digits",
         Format::Re10k => "camera files <key>.txt with a folder <key> beside them in ., test/ or train/",

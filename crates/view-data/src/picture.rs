@@ -1,6 +1,6 @@
-//! Decoding: PNG and JPEG files to pictures and depth counts.
+//! Decoding: PNG and JPEG files to pictures.
 
-use crate::{Error, ImageSource, Result, exr_depth};
+use crate::{Error, ImageSource, Result};
 use gs_scene::Image;
 use image::{DynamicImage, ImageError, ImageReader};
 use std::fs::File;
@@ -29,7 +29,7 @@ pub(crate) fn size(image: &ImageSource, frame: &str) -> Result<(usize, usize)> {
 }
 
 /// The encoded bytes of a picture, or the first `most` of them.
-fn read_bytes(image: &ImageSource, frame: &str, most: u64) -> Result<Vec<u8>> {
+pub(crate) fn read_bytes(image: &ImageSource, frame: &str, most: u64) -> Result<Vec<u8>> {
     let path = image.path();
     let read = |source| Error::Read { path: path.to_path_buf(), source };
     let mut file = File::open(path).map_err(|source| unreadable(path, frame, source))?;
@@ -66,30 +66,8 @@ pub(crate) fn read_image(image: &ImageSource, frame: &str) -> Result<Image> {
     image.map_err(|source| Error::View { frame: frame.to_owned(), source })
 }
 
-/// Depth of a 16-bit greyscale PNG, or an EXR file: width, height, `[height, width]` counts; 0, and in EXR what is not finite or
-/// above 0, is no measurement.
-pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<(usize, usize, Vec<f32>)> {
-    let source = ImageSource::File(path.to_path_buf());
-    let bytes = read_bytes(&source, frame, u64::MAX)?;
-    if bytes.starts_with(&EXR_MAGIC) {
-        return exr_depth::read(&bytes, path);
-    }
-    match decode(&source, &bytes)? {
-        DynamicImage::ImageLuma16(depth) => {
-            let counts = depth.as_raw().iter().map(|count| f32::from(*count)).collect();
-            Ok((depth.width() as usize, depth.height() as usize, counts))
-        }
-        other => {
-            let path = path.to_path_buf();
-            Err(Error::DepthFormat { path, found: format!("a picture of type {:?}", other.color()) })
-        }
-    }
-}
-
-/// How an EXR file begins.
-const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
-
-fn decode(image: &ImageSource, bytes: &[u8]) -> Result<DynamicImage> {
+/// Decodes the bytes of a picture.
+pub(crate) fn decode(image: &ImageSource, bytes: &[u8]) -> Result<DynamicImage> {
     if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_has_end(bytes) {
         return Err(Error::TruncatedJpeg { image: image.clone() });
     }

@@ -3,6 +3,7 @@
 use crate::colmap::{ModelFiles, read_points};
 use crate::{Dataset, Result};
 use glam::{DVec2, DVec3};
+use std::path::PathBuf;
 
 /// A point of the scene, triangulated by whoever made the data set.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,6 +33,8 @@ pub struct Observation {
 pub(crate) enum PointSource {
     /// A model of COLMAP's; for each image of the file the position of its frame.
     Colmap { files: ModelFiles, position_of: Vec<usize> },
+    /// A PLY file.
+    Ply(PathBuf),
 }
 
 impl Dataset {
@@ -48,6 +51,7 @@ impl Dataset {
     pub fn points(&self) -> Result<Option<Vec<ScenePoint>>> {
         match &self.points {
             None => Ok(None),
+            Some(PointSource::Ply(path)) => Ok(Some(crate::ply::read_points(path)?)),
             Some(PointSource::Colmap { files, position_of }) => Ok(Some(read_points(files, position_of)?)),
         }
     }

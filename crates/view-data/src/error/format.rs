@@ -128,6 +128,36 @@ pub enum FormatRule {
     /// The pose is none.
     #[error("pose {0}")]
     Pose(PoseRule),
+    /// The last row of a pose is not 0 0 0 1.
+    #[error("last row of the matrix is {found:?}, expected [0, 0, 0, 1]; is the matrix transposed?")]
+    LastRow {
+        /// The row.
+        found: [f64; 4],
+    },
+    /// The principal point lies outside the picture.
+    #[error(
+        "principal point is {found:?}, outside of the {width}x{height} picture: intrinsics of another size?"
+    )]
+    PrincipalPoint {
+        /// As stated.
+        found: [f64; 2],
+        /// Pixels per row of the picture.
+        width: usize,
+        /// Its rows.
+        height: usize,
+    },
+    /// Intrinsics with skew.
+    #[error("skew is {found}, expected 0")]
+    Skew {
+        /// The entry.
+        found: f64,
+    },
+    /// The file that states the camera is not there.
+    #[error("is not there: the camera is not known{hint}")]
+    NoIntrinsics {
+        /// What to add; begins with a semicolon.
+        hint: String,
+    },
     /// A frame refers to a camera that is not there.
     #[error("camera {camera} of image {image:?} is not in the list of cameras")]
     NoCamera {
@@ -149,6 +179,26 @@ pub enum FormatRule {
     ImageName {
         /// The name.
         name: String,
+    },
+    /// A line of a PLY file's header that makes no sense there.
+    #[error("{found:?} in the header, expected {expected}")]
+    Header {
+        /// The line, cut off after some characters.
+        found: String,
+        /// What should stand there.
+        expected: &'static str,
+    },
+    /// A PLY file whose vertices lack a coordinate.
+    #[error("vertex has no property {name}")]
+    NoProperty {
+        /// `x`, `y` or `z`.
+        name: &'static str,
+    },
+    /// A colour that is not from 0 to 255.
+    #[error("colour is {found}, expected a number from 0 to 255")]
+    Colour {
+        /// The number.
+        found: f64,
     },
     /// There is nothing to load.
     #[error("has no frames with a pose, expected at least one{}", hint)]

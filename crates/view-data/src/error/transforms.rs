@@ -58,14 +58,14 @@ pub enum TransformsRule {
         /// The range in words.
         expected: &'static str,
     },
-    /// A camera model that is not a pinhole with radial and tangential distortion.
+    /// A camera model that is not read.
     #[error("camera_model {found:?} is not supported, expected one of {}", crate::nerfstudio::MODELS.join(", "))]
     Model {
         /// The model.
         found: String,
     },
-    /// A distortion coefficient beyond k1 k2 k3 p1 p2.
-    #[error("{key} is {found}: only distortion by k1 k2 k3 p1 p2 is supported; undistort the pictures first")]
+    /// A distortion coefficient that the camera model does not have.
+    #[error("{key} is {found}, but the camera model has no such coefficient; undistort the pictures first")]
     Coefficient {
         /// The key.
         key: &'static str,

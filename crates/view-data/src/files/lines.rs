@@ -50,6 +50,11 @@ impl Lines {
         Ok(Some(Line { path: &self.path, number: self.number, text: text.trim() }))
     }
 
+    /// Gives up the file, at the first byte after the last line.
+    pub(crate) fn into_inner(self) -> BufReader<File> {
+        self.inner
+    }
+
     /// The next line that is neither empty nor a comment (`#`).
     pub(crate) fn next_entry(&mut self) -> Result<Option<Line<'_>>> {
         // Asked twice because the borrow of a returned line reaches to the end of the function.
@@ -69,6 +74,11 @@ impl Lines {
 impl<'a> Line<'a> {
     pub(crate) fn broken(&self, rule: FormatRule) -> Error {
         Error::Format { path: self.path.to_path_buf(), place: Place::Line(self.number), rule }
+    }
+
+    /// The words, between spaces, tabs or commas.
+    pub(crate) fn words(&self) -> impl Iterator<Item = &'a str> + use<'a> {
+        self.text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty())
     }
 
     /// The first `N` words and what follows them, spaces taken off; `expected` lists the words.

@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Parses JSON, with Python's `NaN`, `Infinity` and `-Infinity` let through as strings so that the error about them
 /// can name the frame. A byte-order mark is skipped.
-pub(super) fn parse(text: &[u8]) -> serde_json::Result<Value> {
+pub(crate) fn parse(text: &[u8]) -> serde_json::Result<Value> {
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
     serde_json::from_slice(&quote_non_finite(text))
 }
@@ -47,14 +47,14 @@ fn quote_non_finite(text: &[u8]) -> Cow<'_, [u8]> {
 
 /// A JSON object of a file, and the frame it describes. A key whose value is null counts as absent.
 #[derive(Clone)]
-pub(super) struct Keys<'a> {
+pub(crate) struct Keys<'a> {
     file: &'a Path,
     frame: Option<String>,
     map: &'a Map<String, Value>,
 }
 
 impl<'a> Keys<'a> {
-    pub(super) fn new(file: &'a Path, frame: Option<String>, value: &'a Value) -> Result<Self> {
+    pub(crate) fn new(file: &'a Path, frame: Option<String>, value: &'a Value) -> Result<Self> {
         match value {
             Value::Object(map) => Ok(Self { file, frame, map }),
             other => {
@@ -65,15 +65,15 @@ impl<'a> Keys<'a> {
         }
     }
 
-    pub(super) fn broken(&self, rule: Rule) -> Error {
+    pub(crate) fn broken(&self, rule: Rule) -> Error {
         Error::Transforms { path: self.file.to_path_buf(), frame: self.frame.clone(), rule }
     }
 
-    pub(super) fn wrong_type(&self, key: &str, expected: &'static str, found: &Value) -> Error {
+    pub(crate) fn wrong_type(&self, key: &str, expected: &'static str, found: &Value) -> Error {
         self.broken(Rule::Type { key: key.to_owned(), expected, found: type_name(found) })
     }
 
-    pub(super) fn require(
+    pub(crate) fn require(
         &self,
         holds: bool,
         key: &'static str,
@@ -84,7 +84,7 @@ impl<'a> Keys<'a> {
     }
 
     /// The frame's position and `file_path`.
-    pub(super) fn label(&self) -> &str {
+    pub(crate) fn label(&self) -> &str {
         self.frame.as_deref().unwrap_or_default()
     }
 
@@ -92,33 +92,33 @@ impl<'a> Keys<'a> {
         self.map.get(key).filter(|value| !value.is_null())
     }
 
-    pub(super) fn has(&self, key: &str) -> bool {
+    pub(crate) fn has(&self, key: &str) -> bool {
         self.value(key).is_some()
     }
 
-    pub(super) fn object(&self, key: &str) -> Result<Option<Self>> {
+    pub(crate) fn object(&self, key: &str) -> Result<Option<Self>> {
         let Some(value) = self.value(key) else { return Ok(None) };
         let map = value.as_object().ok_or_else(|| self.wrong_type(key, "an object", value))?;
         Ok(Some(Self { map, ..self.clone() }))
     }
 
-    pub(super) fn list(&self, key: &str) -> Result<Option<&'a [Value]>> {
+    pub(crate) fn list(&self, key: &str) -> Result<Option<&'a [Value]>> {
         let Some(value) = self.value(key) else { return Ok(None) };
         Ok(Some(value.as_array().ok_or_else(|| self.wrong_type(key, "a list", value))?))
     }
 
-    pub(super) fn text(&self, key: &str) -> Result<Option<&'a str>> {
+    pub(crate) fn text(&self, key: &str) -> Result<Option<&'a str>> {
         let Some(value) = self.value(key) else { return Ok(None) };
         Ok(Some(value.as_str().ok_or_else(|| self.wrong_type(key, "a string", value))?))
     }
 
-    pub(super) fn flag(&self, key: &str) -> Result<Option<bool>> {
+    pub(crate) fn flag(&self, key: &str) -> Result<Option<bool>> {
         let Some(value) = self.value(key) else { return Ok(None) };
         Ok(Some(value.as_bool().ok_or_else(|| self.wrong_type(key, "true or false", value))?))
     }
 
     /// A finite number.
-    pub(super) fn number(&self, key: &str) -> Result<Option<f64>> {
+    pub(crate) fn number(&self, key: &str) -> Result<Option<f64>> {
         self.value(key).map(|value| self.as_number(key, value)).transpose()
     }
 
@@ -135,7 +135,7 @@ impl<'a> Keys<'a> {
     }
 
     /// The side of a picture, pixels.
-    pub(super) fn side(&self, key: &'static str, found: f64) -> Result<usize> {
+    pub(crate) fn side(&self, key: &'static str, found: f64) -> Result<usize> {
         if !(found >= 1.0 && found <= MAX_SIDE as f64 && found.fract() == 0.0) {
             return Err(self.broken(Rule::Side { key, found }));
         }
@@ -143,7 +143,7 @@ impl<'a> Keys<'a> {
     }
 
     /// A 4×4 or 3×4 matrix, row by row, as an affine map.
-    pub(super) fn matrix(&self, key: &'static str) -> Result<Option<DAffine3>> {
+    pub(crate) fn matrix(&self, key: &'static str) -> Result<Option<DAffine3>> {
         let Some(rows) = self.list(key)? else { return Ok(None) };
         let shape = |found| self.broken(Rule::MatrixShape { key, found });
         if rows.len() != 4 && rows.len() != 3 {

@@ -25,7 +25,7 @@ fn load_one(folder: &Folder, size: Option<(usize, usize)>) -> view_data::Result<
 
 #[track_caller]
 fn check_error(folder: &Folder, size: Option<(usize, usize)>, expected: &str) {
-    let message = chain(&load_one(folder, size).unwrap_err());
+    let message = chain(&load_one(folder, size).err().unwrap());
     assert!(message.contains(expected), "{message:?} does not contain {expected:?}");
 }
 
@@ -163,6 +163,35 @@ fn undistorted_pixels_look_where_their_camera_says_and_none_shows_what_was_not_s
             });
         }
     }
+}
+
+#[test]
+fn a_fisheye_picture_becomes_a_pinhole_of_its_middle_and_half_a_sphere_is_refused() {
+    let fisheye = |focal: f64| {
+        json!({"camera_model": "OPENCV_FISHEYE", "fl_x": focal, "fl_y": focal, "k1": 0.02, "k2": -0.005,
+            "cx": 32.0, "cy": 24.0})
+    };
+    let folder = one_frame(&fisheye(30.0));
+    let lens = folder.open().unwrap().frames[0].lens;
+    write16(&folder, 64, 48, |p| {
+        let d = lens.undistort(p).unwrap();
+        // By the angle: directions at the corners of this picture grow too long to be colours.
+        [0.5 + 0.3 * d.x.atan(), 0.5 + 0.3 * d.y.atan(), 0.25]
+    });
+    let view = load_one(&folder, None).unwrap();
+    let camera = view.camera().intrinsics();
+    assert_eq!((camera.fx, camera.width, camera.height), (30.0, 64, 48));
+    for_pixels(&view, 2, |position, colour| {
+        let ray = camera.ray(position);
+        let expected = [0.5 + 0.3 * ray.x.atan(), 0.5 + 0.3 * ray.y.atan()];
+        for (found, expected) in colour.into_iter().zip(expected) {
+            assert!((f64::from(found) - expected).abs() < 1e-3, "{position} {found} {expected}");
+        }
+    });
+    // 18 pixels per radian: before the border, 31.5 pixels from the middle, lie 90 degrees.
+    let folder = one_frame(&fisheye(18.0));
+    folder.picture("0.png", 64, 48);
+    check_error(&folder, None, "0.png: lens sees 180 degrees or more");
 }
 
 #[test]

@@ -1,9 +1,10 @@
-//! `folder` makes data sets to read; `nerfstudio` reads their JSON, `colmap` models, `load` their pictures and depth, `open` recognises layouts, `lens` checks the
+//! `folder` makes data sets to read; `nerfstudio` reads their JSON, `colmap` models, `sequences` folders of one camera, `load` their pictures and depth, `open` recognises layouts, `stream` gives views one by one, `lens` checks the
 //! distortion model, `index` the evaluation index, `select` the choice of views.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests unwrap as tests do")]
 
 mod folder;
+mod samples;
 mod torch_file;
 
 mod chunk;
@@ -17,4 +18,6 @@ mod open;
 mod pickle;
 mod re10k;
 mod select;
+mod sequences;
+mod stream;
 mod write;
