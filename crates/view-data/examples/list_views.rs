@@ -4,7 +4,7 @@
 
 use std::path::Path;
 use std::time::Instant;
-use view_data::{Frame, SceneDepth, estimate_scene_depth, open_nerfstudio, read_index, select_views};
+use view_data::{Frame, SceneDepth, estimate_scene_depth, open, read_index, select_views};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -12,7 +12,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let n = arguments.next().map_or(Ok(6), |n| n.parse())?;
 
     let start = Instant::now();
-    let dataset = open_nerfstudio(Path::new(&path))?;
+    let dataset = open(Path::new(&path), None)?;
     println!("{}: {} frames, opened in {:.1?}", dataset.name, dataset.frames.len(), start.elapsed());
     let cameras = dataset.cameras()?;
     for (position, Frame { name, lens, depth, .. }) in dataset.frames.iter().enumerate() {
@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             println!("{}: {} context views loaded in {:.1?}", window.key, views.len(), start.elapsed());
         }
     }
-    let all: Vec<usize> = (0..dataset.frames.len()).collect();
+    let all = dataset.present();
     let start = Instant::now();
     let views = dataset.load_views(&all, None)?;
     let (first, elapsed) = (views[0].camera().intrinsics(), start.elapsed());
