@@ -1,12 +1,14 @@
 //! What can be wrong, one enum for the crate and one for the rules of each kind of file.
 
 mod format;
+mod pose;
 mod transforms;
 
 use crate::{Dropped, ImageSource};
 use std::path::PathBuf;
 
 pub use format::{FormatRule, Place};
+pub use pose::PoseRule;
 pub use transforms::TransformsRule;
 
 /// What can be wrong with a data set, its files, an evaluation index or a selection of views.
@@ -375,29 +377,6 @@ fn prefix(place: &str) -> String {
 
 fn place(frame: Option<&str>) -> String {
     frame.map_or_else(String::new, |frame| format!("frame {frame}: "))
-}
-
-/// Why numbers make no pose.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum PoseRule {
-    /// The 3×3 part is no rotation, uniform scale and rounded digits allowed for.
-    #[error(
-        "holds no rotation: |R Rᵀ - I| is {deviation:.2e} after a uniform scale is taken out, expected at most 1e-2"
-    )]
-    NotARotation {
-        /// Largest absolute entry of `R Rᵀ - I`.
-        deviation: f64,
-    },
-    /// The 3×3 part mirrors.
-    #[error("mirrors the scene (its determinant is negative); is an axis flipped?")]
-    Mirrored,
-    /// A quaternion of length 0, or not finite.
-    #[error("has the quaternion {found:?}, expected a finite one that is not 0")]
-    Quaternion {
-        /// As it stands in the file.
-        found: [f64; 4],
-    },
 }
 
 /// This crate's result.

@@ -16,6 +16,7 @@ mod load;
 mod nerfstudio;
 mod open;
 mod pickle;
+mod ply;
 mod re10k;
 mod select;
 mod sequences;
