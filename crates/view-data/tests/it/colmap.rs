@@ -315,6 +315,7 @@ fn points_keep_to_their_rules() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
     #[test]
     fn no_changed_byte_panics(
         kind in prop::sample::select(vec!["bin", "txt"]), name in prop::sample::select(vec!["cameras", "images", "points3D"]),
