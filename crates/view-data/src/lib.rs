@@ -36,6 +36,8 @@ mod scene_depth;
 mod select;
 mod windows;
 
+mod check;
+
 mod write;
 
 pub use camera_row::CameraRule;
@@ -60,3 +62,9 @@ pub use stream::ViewStream;
 pub use tum::{open_tum, open_tum_within};
 pub use windows::windows_along;
 pub use write::{DatasetWriter, Layout, PictureFormat, WriteRule, Written};
+
+pub use check::{
+    CameraSummary, CheckReport, CheckSettings, CheckStage, CheckStep, DepthFileSummary, DepthSummary,
+    Finding, LayoutSummary, LensSummary, OverlapSummary, PictureSummary, PoseSummary, RangeSource,
+    RangeSummary, Reading, ReadingScore, Severity, SizeCount, Thumbnail, check_data, layout_html,
+};

@@ -129,16 +129,16 @@ impl Fit {
 }
 
 /// Measured depth on its way to a view.
-struct DepthGrid<'a> {
-    file: &'a DepthFile,
-    frame: &'a str,
+pub(crate) struct DepthGrid<'a> {
+    pub(crate) file: &'a DepthFile,
+    pub(crate) frame: &'a str,
     /// Size of the picture that it belongs to; the file may be finer or coarser.
-    picture: (usize, usize),
+    pub(crate) picture: (usize, usize),
 }
 
 impl DepthGrid<'_> {
     /// The depth map of a view, whose pixel positions `to_picture` takes to the undistorted picture's file.
-    fn sample(&self, view: Intrinsics, to_picture: impl Fn(DVec2) -> DVec2) -> Result<DepthMap> {
+    pub(crate) fn sample(&self, view: Intrinsics, to_picture: impl Fn(DVec2) -> DVec2) -> Result<DepthMap> {
         let Counts { width, height, values } = read_depth(&self.file.path, self.frame)?;
         // The size that pixel positions are for: of the depth's own pinhole, or of the picture.
         let stated = self.file.intrinsics.map_or(self.picture, |pinhole| (pinhole.width, pinhole.height));

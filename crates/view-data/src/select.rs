@@ -1,6 +1,6 @@
 //! Choosing the context views of a scene, and the targets between them.
 
-use crate::overlap::{Overlaps, POINTS};
+use crate::overlap::{HALF, Overlaps};
 use crate::{Error, Result, SceneDepth};
 use gs_scene::Camera;
 use rayon::prelude::*;
@@ -64,9 +64,6 @@ pub fn select_views(cameras: &[Camera], n: usize, depth: SceneDepth) -> Result<S
 
 /// Sets are grown from so many frames at most: more change little and cost in proportion.
 const STARTS: usize = 32;
-
-/// Number of points that make half of a view's content.
-const HALF: u8 = (POINTS / 2) as u8;
 
 /// What a set of views is worth; compared field by field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
