@@ -30,8 +30,8 @@ fn add_view(hash: &mut Sha256, view: &View) {
     let numbers = [lens.fx, lens.fy, lens.cx, lens.cy];
     let pose = camera.rotation().to_cols_array().into_iter().chain(camera.translation().to_array());
     for number in numbers.into_iter().chain(pose) {
-        // Layouts round differently in the last digits; that does not make other data.
-        hash.update((number as f32).to_le_bytes());
+        // Layouts round differently in the last digits, and have zeros of either sign; that does not make other data.
+        hash.update(((number * 1e6).round() as i64).to_le_bytes());
     }
     hash.update(view.image().to_rgb8());
 }

@@ -3,6 +3,7 @@
 
 mod arguments;
 mod bench;
+mod check_data;
 mod datasets;
 mod demo;
 mod device;
@@ -48,6 +49,7 @@ enum Command {
     Render(render::Arguments),
     Eval(eval::Arguments),
     Simulate(simulate::Arguments),
+    CheckData(check_data::Arguments),
     Doctor(doctor::Arguments),
     Bench(bench::Arguments),
 }
@@ -77,6 +79,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Render(arguments) => render::run(arguments, common),
         Command::Eval(arguments) => eval::run(arguments, common),
         Command::Simulate(arguments) => simulate::run(arguments, common),
+        Command::CheckData(arguments) => check_data::run(arguments, common),
         Command::Doctor(arguments) => doctor::run(arguments, common),
         Command::Bench(arguments) => bench::run(arguments, common),
     }

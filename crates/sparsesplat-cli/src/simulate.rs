@@ -31,16 +31,16 @@ use view_data::{DatasetWriter, DepthPercentiles, Layout, PictureFormat};
     Windows of context and held-out views along the path go to evaluation_index.json.")]
 pub(crate) struct Arguments {
     /// Description of the scene, or folder of the original Replica release
-    #[arg(required_unless_present = "seed", conflicts_with = "seed")]
+    #[arg(required_unless_present = "seed")]
     scene: Option<PathBuf>,
-    /// Generate a scene from this seed instead; also the seed of all that is random in the pictures
+    /// Seed of all that is random in the pictures [default: 0]; without SCENE, of a generated scene too
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Kind of the generated scene [default: any]
-    #[arg(long, value_enum, requires = "seed")]
+    #[arg(long, value_enum, requires = "seed", conflicts_with = "scene")]
     kind: Option<KindName>,
     /// Generate so many scenes, from so many seeds on end; each gets a folder of its own
-    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 1, requires = "seed")]
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 1, conflicts_with = "scene")]
     scenes: usize,
     /// Layout of the files
     #[arg(long, value_enum, default_value = "nerfstudio")]
@@ -206,7 +206,7 @@ fn jobs(arguments: &Arguments) -> Outcome<Vec<Job>> {
             let folder = if is_scan { path.clone() } else { path.parent().unwrap_or(Path::new("")).into() };
             let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let name = name.ok_or_else(|| Failure::input(format!("{}: has no name", path.display())))?;
-            jobs.push(job(arguments, name, scene, folder, 0)?);
+            jobs.push(job(arguments, name, scene, folder, arguments.seed.unwrap_or_default())?);
         }
         None => {
             let first = arguments.seed.unwrap_or_default();

@@ -53,7 +53,7 @@ proptest! {
         let lens = lens(distortion);
         let views: Vec<View> = poses.iter().enumerate()
             .map(|(i, (turn, position))| view(&format!("v{i}"), *turn, *position, depth.clone())).collect();
-        for layout in LAYOUTS[..3].iter().copied() {
+        for layout in LAYOUTS {
             if layout == Layout::Replica && distorted {
                 continue;
             }

@@ -1,0 +1,142 @@
+//! `check-data`: what a data set is, and what is wrong with it.
+
+use crate::arguments::{Common, positive};
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::progress::Progress;
+use crate::summary::{memory_line, print_line};
+use crate::{output, threads};
+use clap::Args;
+use evaluate::{Dropped, Recipe, peak_rss_bytes};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use view_data::{
+    CheckReport, CheckSettings, CheckStage, Dataset, Finding, Format, Severity, check_data, layout_html,
+    open_all,
+};
+
+/// What a data set is, and what is wrong with it
+///
+/// Every picture and depth file is decoded. Photographs are matched without the poses, and the matches are held against the poses as
+/// read and against the usual misreadings (other axes, inverted matrices, a wrong focal length), so that a wrong convention is told from
+/// bad data. Depth is held against both; scale, range, overlap and the layout of the cameras are measured.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    sparsesplat check-data data/fox\n  \
+    sparsesplat check-data data/fox --report fox.html        with the layout of the cameras\n  \
+    sparsesplat check-data Replica --pairs 40                every scene below a folder\n\n\
+    Exit codes: 0 nothing is wrong, 1 errors were found, 2 there is no data set to check.")]
+pub(crate) struct Arguments {
+    /// Folder of a data set, or the file that describes it; or a folder of several
+    input: PathBuf,
+    /// Its layout: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: what lies there]
+    #[arg(long, value_name = "LAYOUT")]
+    format: Option<Format>,
+    /// Pairs of photographs to match at most, for each scene
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = CheckSettings::default().pairs)]
+    pairs: usize,
+    /// Seed of the draws of matching
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Also write a page: cameras from above and from the side, overlap, findings, pictures. With several scenes the name of the scene
+    /// is added to the name
+    #[arg(long, value_name = "PATH")]
+    report: Option<PathBuf>,
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record<C> {
+    recipe: Recipe<C>,
+    scenes: Vec<CheckReport>,
+    /// Scenes that cannot be read.
+    dropped: Vec<Dropped>,
+    peak_rss_bytes: Option<u64>,
+}
+
+/// The settings in the recipe.
+#[derive(Serialize)]
+struct Settings {
+    pairs: usize,
+    corners: usize,
+    seed: u64,
+}
+
+pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    if let Some(path) = &arguments.report {
+        output::check_file(path)?;
+    }
+    let found = open_all(&arguments.input, arguments.format).or_input()?;
+    let settings = CheckSettings { pairs: arguments.pairs, seed: arguments.seed, ..CheckSettings::default() };
+    let several = found.scenes.len() > 1;
+    let mut reports: Vec<CheckReport> = Vec::with_capacity(found.scenes.len());
+    for scene in &found.scenes {
+        let report = check(scene, &settings)?;
+        show(&report);
+        if let Some(path) = &arguments.report {
+            let path = if several { named(path, &report.name) } else { path.clone() };
+            output::write_text(&path, &layout_html(&report))?;
+            print_line(&format!("report     {}", path.display()));
+        }
+        reports.push(report);
+    }
+    for dropped in &found.dropped {
+        print_line(&format!("error   {}: cannot be read: {}", dropped.key, dropped.reason));
+    }
+    print_line(&memory_line(peak_rss_bytes()));
+    let errors =
+        reports.iter().map(|report| report.count(Severity::Error)).sum::<usize>() + found.dropped.len();
+    if let Some(path) = &common.json {
+        let config = Settings { pairs: settings.pairs, corners: settings.corners, seed: settings.seed };
+        let dropped = found.dropped.into_iter();
+        let record = Record {
+            recipe: Recipe::of_this_run(arguments.seed, threads(), config),
+            scenes: reports,
+            dropped: dropped
+                .map(|entry| Dropped { name: entry.key, reason: entry.reason, failed: true })
+                .collect(),
+            peak_rss_bytes: peak_rss_bytes(),
+        };
+        output::write_json(path, &record)?;
+    }
+    match errors {
+        0 => Ok(()),
+        1 => Err(Failure::work("an error was found in the data")),
+        n => Err(Failure::work(format!("{n} errors were found in the data"))),
+    }
+}
+
+fn check(scene: &Dataset, settings: &CheckSettings) -> Outcome<CheckReport> {
+    // Several lengths in turn: the line says which one is meant.
+    let progress = Progress::new(1);
+    check_data(scene, settings, |step| {
+        let what = match step.stage {
+            CheckStage::Headers => "looking at pictures",
+            CheckStage::Pictures => "decoding pictures",
+            CheckStage::Pairs => "matching pairs of pictures",
+            _ => "checking",
+        };
+        progress.say(format!("{}: {what}, {} of {}", scene.name, step.done, step.of));
+    })
+    .or_input()
+}
+
+/// The findings, the worst first.
+fn show(report: &CheckReport) {
+    print_line(&format!("{} ({}, {} frames)", report.name, report.format, report.frames));
+    for Finding { severity, place, rule, text } in &report.findings {
+        let severity = match severity {
+            Severity::Ok => "ok",
+            Severity::Note => "note",
+            Severity::Warning => "warning",
+            Severity::Error => "error",
+        };
+        print_line(&format!("  {severity:<7} {place}: {text} [{rule}]"));
+    }
+}
+
+/// `check.html` of the scene `room0` is `check-room0.html`.
+fn named(path: &Path, scene: &str) -> PathBuf {
+    let part = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
+    let scene = scene.replace(['/', '\\'], "_");
+    path.with_file_name(format!("{}-{scene}.{}", part(path.file_stem()), part(path.extension())))
+}
