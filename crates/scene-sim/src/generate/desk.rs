@@ -168,5 +168,10 @@ pub(crate) fn desk(set: &mut Set) -> Plan {
         };
         by_hand(random, arc)
     };
-    Plan { sky: light.sky, sun: light.sun, wish: Wish { coverage: 0.96, open: 0.6 }, draw: Box::new(draw) }
+    Plan {
+        sky: light.sky,
+        sun: light.sun,
+        wish: Wish { field_of_view: [56.0, 68.0], coverage: 0.96, open: 0.6 },
+        draw: Box::new(draw),
+    }
 }

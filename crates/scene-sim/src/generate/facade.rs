@@ -195,5 +195,10 @@ pub(crate) fn facade(set: &mut Set) -> Plan {
         let targets = [-1.0, -0.4, 0.4, 1.0].map(|k| v(side * k * (reach + lead) * 0.8, 0.0, look));
         by_hand(random, Trajectory::Through { places: places.to_vec(), targets: targets.to_vec() })
     };
-    Plan { sky, sun, wish: Wish { coverage: 0.6, open: 3.0 }, draw: Box::new(draw) }
+    Plan {
+        sky,
+        sun,
+        wish: Wish { field_of_view: [62.0, 74.0], coverage: 0.6, open: 3.0 },
+        draw: Box::new(draw),
+    }
 }

@@ -80,7 +80,11 @@ impl Form {
                 (0.5 * p) * size + v(0.0, 0.0, 0.5 * size.z)
             })
         });
-        Self::grid(vertices.collect(), columns as usize, true)
+        let mut form = Self::grid(vertices.collect(), columns as usize, true);
+        // The round of the first and of the last row is closed by a polygon.
+        form.faces.push((0..columns).rev().collect());
+        form.faces.push(((rows - 1) * columns..rows * columns).collect());
+        form
     }
 
     /// A cloth that hangs in folds: `size` along x and z, its folds along y, its lower edge on z = 0.

@@ -176,7 +176,7 @@ impl Set {
             let run = room.min(self.random.within(0.15, 0.55));
             let tallest = (clear - 0.02).min(0.31);
             let middle = frame.at(v(x + 0.5 * run, -0.5 * deep, 0.0), 0.0);
-            match self.random.count(0, 11) {
+            match self.random.count(0, 14).saturating_sub(3) {
                 0..=5 => self.books(&frame.at(v(x, 0.0, 0.0), 0.0), run, deep.min(0.24), tallest),
                 6 => {
                     let (count, size) = (self.random.count(2, 5), (run / 1.18).min(deep).min(0.26));

@@ -361,5 +361,10 @@ pub(crate) fn garden(set: &mut Set) -> Plan {
         };
         by_hand(random, arc)
     };
-    Plan { sky, sun, wish: Wish { coverage: 0.6, open: 1.6 }, draw: Box::new(draw) }
+    Plan {
+        sky,
+        sun,
+        wish: Wish { field_of_view: [56.0, 70.0], coverage: 0.6, open: 1.6 },
+        draw: Box::new(draw),
+    }
 }

@@ -366,5 +366,10 @@ pub(crate) fn room(set: &mut Set) -> Plan {
             .map(|k| v(-side * k * aim, half.y - random.within(0.2, 1.0), random.within(0.75, 1.1)));
         by_hand(random, Trajectory::Through { places: places.to_vec(), targets: targets.to_vec() })
     };
-    Plan { sky: light.sky, sun: light.sun, wish: Wish { coverage: 0.96, open: 1.0 }, draw: Box::new(draw) }
+    Plan {
+        sky: light.sky,
+        sun: light.sun,
+        wish: Wish { field_of_view: [64.0, 74.0], coverage: 0.96, open: 1.0 },
+        draw: Box::new(draw),
+    }
 }

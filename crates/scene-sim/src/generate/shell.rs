@@ -318,7 +318,7 @@ impl Set {
                 zenith: [0.30, 0.32, 0.42],
                 horizon: [0.52, 0.45, 0.46],
                 ground: [0.44, 0.38, 0.33],
-                light: 2.0,
+                light: 3.2,
                 occlusion,
             };
             return RoomLight { evening, sky, sun: None };
@@ -328,7 +328,7 @@ impl Set {
             horizon: [0.93, 0.93, 0.92],
             // What the floor sends up to the ceiling.
             ground: [0.78, 0.75, 0.70],
-            light: self.random.within(0.72, 0.95) as f32,
+            light: self.random.within(1.25, 1.6) as f32,
             occlusion,
         };
         let glazed = shell.walls.iter().find(|wall| wall.windows.iter().any(|w| !w.is_door()));

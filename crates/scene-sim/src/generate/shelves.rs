@@ -118,5 +118,10 @@ pub(crate) fn shelves(set: &mut Set) -> Plan {
         let targets = [-1.0, -0.3, 0.3, 1.0].map(|k| v(sign * k * reach * lead, half.y, high - 0.2));
         by_hand(random, Trajectory::Through { places: places.to_vec(), targets: targets.to_vec() })
     };
-    Plan { sky: light.sky, sun: light.sun, wish: Wish { coverage: 0.96, open: 0.7 }, draw: Box::new(draw) }
+    Plan {
+        sky: light.sky,
+        sun: light.sun,
+        wish: Wish { field_of_view: [62.0, 74.0], coverage: 0.96, open: 0.7 },
+        draw: Box::new(draw),
+    }
 }

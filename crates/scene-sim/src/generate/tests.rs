@@ -3,6 +3,9 @@
 use super::*;
 use crate::trace::{PathRay, Traced};
 use crate::{Mesh, MeshSource, Primitive, Shape, lens};
+
+mod views;
+
 use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
 use gs_scene::Camera;
 use rayon::prelude::*;

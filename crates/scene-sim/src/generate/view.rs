@@ -4,7 +4,10 @@ use crate::random::Random;
 use crate::stage::plain;
 use crate::trace::{PathRay, Traced};
 use crate::trajectory::lens;
-use crate::{Finish, Material, Mesh, MeshSource, Photographs, Primitive, Scene, Shape, Trajectory};
+use crate::{
+    Exposure, Finish, Material, Mesh, MeshSource, Photographs, Primitive, Scene, SensorNoise, Shape,
+    Trajectory,
+};
 use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
 use gs_scene::Camera;
 
@@ -93,6 +96,8 @@ fn extents(scene: &Scene) -> Vec<Extent> {
 /// What a path must show.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Wish {
+    /// Least and most horizontal field of view, degrees.
+    pub(crate) field_of_view: [f64; 2],
     /// Least share of every picture that is not sky.
     pub(crate) coverage: f64,
     /// No picture's nearest tenth of depths is nearer than this, metres: nothing blocks the view.
@@ -146,7 +151,8 @@ pub(crate) fn photograph(
 ) -> bool {
     let traced = Traced::new(&stand_ins(scene)).expect("the generator's numbers are in range");
     let extents = extents(scene);
-    let (field_of_view, count) = (random.within(54.0, 72.0), random.count(10, 12) as usize);
+    let [narrow, wide] = wish.field_of_view;
+    let (field_of_view, count) = (random.within(narrow, wide), random.count(10, 12) as usize);
     let survey = lens(GRID.0, GRID.1, field_of_view);
     let mut best: Option<(f64, Trajectory)> = None;
     let mut surveyed = 0;
@@ -169,6 +175,12 @@ pub(crate) fn photograph(
         }
     }
     let Some((_, path)) = best else { return false };
+    // The mass of the pictures is clean and cheap; a few have what cameras do to them.
+    let few = |random: &mut Random| random.chance(0.06);
+    let motion_blur = few(random).then(|| random.within(0.1, 0.4));
+    let exposure = few(random)
+        .then(|| Exposure { stops: random.within(0.1, 0.4), white_balance: random.within(0.0, 0.1) });
+    let noise = few(random).then(|| SensorNoise { full_well: random.within(2000.0, 10_000.0), read: 4.0 });
     scene.photographs = Some(Photographs {
         width: 480,
         height: 320,
@@ -178,10 +190,10 @@ pub(crate) fn photograph(
         samples: 9,
         distortion: None,
         aperture: None,
-        motion_blur: None,
+        motion_blur,
         rolling_shutter: None,
-        exposure: None,
-        noise: None,
+        exposure,
+        noise,
     });
     true
 }
