@@ -15,6 +15,7 @@ mod readings;
 mod report;
 mod scan;
 mod verdict_files;
+mod verdict_frames;
 mod verdict_poses;
 mod verdict_space;
 
@@ -144,6 +145,7 @@ pub fn check_data(
         posed: &matched,
         pairs: &found,
         poses_fit: judged.fit,
+        depth_fits: verdict_space::depth_has_its_scale(depth.as_ref()),
     };
     let range = find_range(&known);
     verdict_space::judge_range(range.as_ref(), judged.fit, &mut findings);

@@ -27,6 +27,8 @@ pub(crate) struct Known<'a> {
     pub(crate) pairs: &'a [PairMatches],
     /// Whether the poses as read fit the matches.
     pub(crate) poses_fit: bool,
+    /// Whether measured depth is in the units of the poses, as far as is known.
+    pub(crate) depth_fits: bool,
 }
 
 /// The range by the first source that has enough: measured depth, points, triangulated matches if the poses
@@ -43,7 +45,8 @@ pub(crate) fn find_range(known: &Known) -> Option<RangeSummary> {
         let SceneDepth { near, median, far } = estimate_scene_depth(known.cameras)?;
         Some(summary(RangeSource::Poses, [near, near, median, far, far]))
     };
-    from(RangeSource::Measured, measured(known))
+    let measured = known.depth_fits.then(|| from(RangeSource::Measured, measured(known))).flatten();
+    measured
         .or_else(|| from(RangeSource::Points, of_points(known)))
         .or_else(|| known.poses_fit.then(|| from(RangeSource::Matches, triangulated(known))).flatten())
         .or_else(stated)

@@ -13,6 +13,8 @@ use gs_scene::Camera;
 const CONSISTENT: f64 = 0.8;
 /// Deviation of the depth's scale from the poses' that is let pass.
 const SCALE: f64 = 0.03;
+/// Beyond this it is not a matter of accuracy.
+const WRONG_SCALE: f64 = 0.2;
 /// Depth along the ray explains the matches if the deviation is so much smaller.
 const RAY_GAIN: f64 = 0.6;
 /// Coordinates beyond this are suspect, scene units.
@@ -23,6 +25,12 @@ const SAME_POSE: (f64, f64) = (1e-4, 1e-3);
 const ON_LINE: f64 = 0.02;
 /// Units of depth files that occur, counts per metre.
 const USUAL_COUNTS: [f64; 6] = [1.0, 256.0, 1000.0, 4000.0, 5000.0, 6553.5];
+
+/// Whether measured depth is in the units of the poses: with another unit it says nothing of the range. What
+/// is not known is believed.
+pub(crate) fn depth_has_its_scale(depth: Option<&DepthSummary>) -> bool {
+    depth.and_then(|depth| depth.ratio).is_none_or(|ratio| (ratio - 1.0).abs() <= WRONG_SCALE)
+}
 
 pub(crate) fn judge_depth(
     depth: Option<&DepthSummary>,
@@ -42,7 +50,8 @@ pub(crate) fn judge_depth(
         let spread = depth.spread_z.unwrap_or(0.0);
         if (ratio - 1.0).abs() > SCALE + spread / (depth.matches as f64).sqrt() {
             right = false;
-            let severity = if (ratio - 1.0).abs() > 0.2 { Severity::Error } else { Severity::Warning };
+            let severity =
+                if (ratio - 1.0).abs() > WRONG_SCALE { Severity::Error } else { Severity::Warning };
             let unit = files.unit[0] / ratio;
             // Files whose unit is theirs to state are told the right one.
             let near = |counts: &&f64| (unit * **counts - 1.0).abs() < 0.1;

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use tempfile::TempDir;
 use view_data::{
-    CheckReport, CheckSettings, CheckStage, DatasetWriter, Layout, PictureFormat, Severity, check_data,
-    layout_html, open_nerfstudio,
+    CheckReport, CheckSettings, CheckStage, DatasetWriter, Layout, PictureFormat, RangeSource, Severity,
+    check_data, layout_html, open_nerfstudio,
 };
 
 const WIDTH: usize = 240;
@@ -249,6 +249,8 @@ fn wrong_depth_is_named() {
     let report = set.check();
     let found = texts(&report, "depth-scale");
     assert!(found.len() == 1 && found[0].contains("0.200 times") && found[0].contains("1/1000"), "{found:?}");
+    // Depth in another unit than the poses does not make the range.
+    assert_eq!(report.range.unwrap().source, RangeSource::Matches);
     set.write_depth(1000.0, 0.001, |_, z, ray| z * ray);
     assert_eq!(texts(&set.check(), "depth-along-ray").len(), 1);
     set.write_depth(1000.0, 0.001, |i, z, _| if i == 4 { 0.0 } else { z });
@@ -261,14 +263,15 @@ fn wrong_depth_is_named() {
 /// A set of the given pictures with the given poses.
 fn tiny(pictures: &[Image], poses: &[Value]) -> (Folder, CheckReport) {
     let folder = Folder::new();
-    let frame = |(i, pose): (usize, &Value)| json!({"file_path": format!("images/{i}.png"), "transform_matrix": pose});
+    let path = |i: usize| format!("images/{i}.png");
+    let frame = |(i, pose): (usize, &Value)| json!({"file_path": path(i), "transform_matrix": pose});
     let frames: Vec<Value> = poses.iter().enumerate().map(frame).collect();
     let (w, h) = (pictures[0].width(), pictures[0].height());
     folder.json(&json!({"w": w, "h": h, "fl_x": 200.0, "frames": frames}));
     for (i, picture) in pictures.iter().enumerate() {
         let bytes = picture.to_rgb8();
         let buffer = image::RgbImage::from_raw(w as u32, h as u32, bytes).unwrap();
-        buffer.save(folder.path(&format!("images/{i}.png"))).unwrap();
+        buffer.save(folder.path(&path(i))).unwrap();
     }
     let report = check_data(&folder.open().unwrap(), &SETTINGS, |_| {}).unwrap();
     (folder, report)
