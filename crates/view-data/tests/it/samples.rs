@@ -17,6 +17,8 @@ pub(crate) fn write(format: Format, variant: &str, root: &Path) -> PathBuf {
         Format::Replica => replica(root),
         Format::Tum => tum(root),
         Format::ScanNet => scannet(root),
+        Format::Dl3dv => dl3dv(root),
+        Format::Re10k => re10k(root),
         _ => copy(&fixtures.join("chunks"), root),
     }
     root.to_path_buf()
@@ -24,7 +26,7 @@ pub(crate) fn write(format: Format, variant: &str, root: &Path) -> PathBuf {
 
 /// Layouts and their variants.
 #[allow(dead_code, reason = "of those that share this file some name layouts one by one")]
-pub(crate) const ALL: [(Format, &str); 7] = [
+pub(crate) const ALL: [(Format, &str); 9] = [
     (Format::Nerfstudio, ""),
     (Format::Colmap, "bin"),
     (Format::Colmap, "txt"),
@@ -32,6 +34,8 @@ pub(crate) const ALL: [(Format, &str); 7] = [
     (Format::Tum, ""),
     (Format::ScanNet, ""),
     (Format::Chunk, ""),
+    (Format::Dl3dv, ""),
+    (Format::Re10k, ""),
 ];
 
 fn copy(from: &Path, to: &Path) {
@@ -153,4 +157,34 @@ fn scannet(root: &Path) {
         let entry = if lost { "-inf".to_owned() } else { format!("{i}.5") };
         text(&root.join(format!("pose/{i}.txt")), &format!("1 0 0 {entry}\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"));
     }
+}
+
+fn dl3dv(root: &Path) {
+    let home = root.join("1K").join("5a".repeat(32));
+    let frame = |number: u32| {
+        picture(&home.join(format!("images_4/frame_{number:05}.png")), 32, 18);
+        format!(
+            r#"{{"file_path": "images/frame_{number:05}.png",
+                "transform_matrix": [[1, 0, 0, {number}], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}"#
+        )
+    };
+    let frames = [frame(7), frame(1), frame(4)].join(", ");
+    let lens =
+        r#""w": 128, "h": 72, "fl_x": 100.0, "fl_y": 100.5, "cx": 64.0, "cy": 36.0, "k1": 0.01, "p2": 0.0"#;
+    text(
+        &home.join("transforms.json"),
+        &format!(r#"{{"camera_model": "OPENCV", {lens}, "frames": [{frames}]}}"#),
+    );
+}
+
+fn re10k(root: &Path) {
+    let mut lines = String::from("https://example.invalid/watch?v=x\n");
+    for number in 0..3 {
+        let stamp = 1_000_000 + number * 33_366;
+        picture(&root.join(format!("test/00a1/{stamp}.png")), 40, 20);
+        lines += &format!(
+            "{stamp} 0.5 0.75 0.5 0.4 0.0 0.0 1.0 0.0 0.0 -{number} 0.0 1.0 0.0 0.0 0.0 0.0 1.0 0.0\n"
+        );
+    }
+    text(&root.join("test/00a1.txt"), &lines);
 }
