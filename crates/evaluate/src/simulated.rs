@@ -54,7 +54,7 @@ pub fn simulated_window(scene: SimulatedScene, size: (usize, usize)) -> Result<W
         load_seconds: 0.0,
     };
     for (position, view) in views.into_iter().enumerate() {
-        let list = if position % 2 == 0 { &mut window.context } else { &mut window.targets };
+        let list = if position.is_multiple_of(2) { &mut window.context } else { &mut window.targets };
         list.push(eight_bits(view)?);
     }
     Ok(window)
@@ -63,8 +63,9 @@ pub fn simulated_window(scene: SimulatedScene, size: (usize, usize)) -> Result<W
 fn courtyard(size: (usize, usize)) -> Result<Vec<View>> {
     let scene = Traced::new(&demo_scene())?;
     let (context, targets) = demo_cameras(size.0, size.1)?;
-    let camera =
-        |position: usize| if position % 2 == 0 { context[position / 2] } else { targets[position / 2] };
+    let camera = |position: usize| {
+        if position.is_multiple_of(2) { context[position / 2] } else { targets[position / 2] }
+    };
     let view = |position| -> Result<View> {
         let camera: Camera = camera(position);
         Ok(render_view(&scene, &camera, SAMPLES, format!("view-{position:02}"), SEED)?)
