@@ -6,7 +6,7 @@ pub enum Error {
     #[error("no views given, expected at least one")]
     NoViews,
     /// Stereo from a single view.
-    #[error("plane-sweep stereo needs at least two views, found one: give more views, or measured depth")]
+    #[error("stereo needs at least two views, found one: give more views, or measured depth")]
     OneView,
     /// `given-depth` without depth.
     #[error("view {view} has no measured depth: use the plane-sweep backbone, or data with depth")]
@@ -50,6 +50,81 @@ pub enum Error {
         /// What is allowed.
         expected: &'static str,
     },
+    /// Views of different sizes, for a network that takes them as one block.
+    #[cfg(feature = "depthsplat")]
+    #[error("view {view} is {}x{}, the first is {}x{}: the network needs views of one size", found.0, found.1, first.0, first.1)]
+    SizesDiffer {
+        /// Name of the view.
+        view: String,
+        /// Its width and height.
+        found: (usize, usize),
+        /// Those of the first view.
+        first: (usize, usize),
+    },
+    /// The network's result is not a depth.
+    #[cfg(feature = "depthsplat")]
+    #[error(
+        "view {view}: the network's depth at pixel ({x}, {y}) is not finite: its weights or the picture are extreme"
+    )]
+    DepthNotFinite {
+        /// Name of the view.
+        view: String,
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+    },
+    /// A file of weights cannot be read, or is none.
+    #[cfg(feature = "depthsplat")]
+    #[error("weights {path}: cannot be read as a PyTorch archive or safetensors", path = path.display())]
+    WeightsUnreadable {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Why.
+        source: candle_core::Error,
+    },
+    /// A file of weights is not the one that its name promises.
+    #[cfg(feature = "depthsplat")]
+    #[error("weights {path}: its SHA-256 starts with {found}, its name promises {expected}: fetch it again", path = path.display())]
+    WeightsHash {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Eight hexadecimal digits at the end of its name.
+        expected: String,
+        /// The first eight of its hash.
+        found: String,
+    },
+    /// A file holds tensors, but none of the networks.
+    #[cfg(feature = "depthsplat")]
+    #[error("weights {path}: its {found} tensors are none of DepthSplat's networks: their shapes tell by \
+        `depth_predictor.pretrained.cls_token` and `depth_predictor.upsampler.concat_projects`", path = path.display())]
+    WeightsUnknown {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Number of tensors.
+        found: usize,
+    },
+    /// Tensors of a checkpoint are missing, unexpected, misshapen or not finite.
+    #[cfg(feature = "depthsplat")]
+    #[error("weights {path} do not fit {variant}: {}", first_few(problems), path = path.display())]
+    Weights {
+        /// The file.
+        path: std::path::PathBuf,
+        /// The network that its shapes tell.
+        variant: crate::Variant,
+        /// All that does not fit.
+        problems: Vec<crate::WeightProblem>,
+    },
+    /// Features from weights that are for depth alone.
+    #[cfg(feature = "depthsplat")]
+    #[error(
+        "the weights are for depth alone, and features are wanted: use a checkpoint with `feature_upsampler`"
+    )]
+    NoFeatureWeights,
+    /// An operation on tensors failed.
+    #[cfg(feature = "depthsplat")]
+    #[error(transparent)]
+    Tensor(#[from] candle_core::Error),
     /// A map does not fit its picture.
     #[error(transparent)]
     Scene(#[from] gs_scene::Error),
@@ -57,3 +132,14 @@ pub enum Error {
 
 /// This crate's result.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// The first problems, and how many more there are.
+#[cfg(feature = "depthsplat")]
+fn first_few(problems: &[crate::WeightProblem]) -> String {
+    const SHOWN: usize = 5;
+    let mut text = problems.iter().take(SHOWN).map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    if problems.len() > SHOWN {
+        text += &format!("; and {} more", problems.len() - SHOWN);
+    }
+    text
+}

@@ -18,10 +18,17 @@ mod sgm;
 mod consistency;
 mod fill;
 
+#[cfg(feature = "depthsplat")]
+mod depthsplat;
+
 mod estimate;
 mod features;
 
 pub use backbone::{DepthBackbone, ViewGeometry, Wanted};
+#[cfg(feature = "depthsplat")]
+pub use depthsplat::{
+    DepthSplat, PixelGaussians, Scales, StageTime, Trace, TracedMap, Variant, Vit, WeightFault, WeightProblem,
+};
 pub use error::{Error, Result};
 pub use features::FEATURE_NAMES;
 pub use given_depth::GivenDepth;

@@ -1,0 +1,228 @@
+//! Attention on slices: the scores of a block of queries and one head at a time, never all of them.
+
+use super::gemm::{PANEL, Packed, Rows, multiply};
+use super::math::exp;
+use multiversion::{multiversion, target::target_cfg_f};
+use rayon::prelude::*;
+
+/// Scores per block: they stay in the second-level cache.
+const SCORES: usize = 1 << 16;
+
+/// Where the vectors of the heads lie: value c of head h of token t at `values[t * stride + first + h * step + c]`.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::depthsplat) struct Heads<'a> {
+    pub(in crate::depthsplat) values: &'a [f32],
+    pub(in crate::depthsplat) stride: usize,
+    pub(in crate::depthsplat) first: usize,
+    pub(in crate::depthsplat) step: usize,
+}
+
+impl<'a> Heads<'a> {
+    fn rows(&self, head: usize, first: usize, count: usize) -> Rows<'a> {
+        let start = first * self.stride + self.first + head * self.step;
+        Rows { values: &self.values[start..], stride: self.stride, count }
+    }
+}
+
+/// Tokens with different labels hardly see each other: -100 is added to their score.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::depthsplat) struct Labels<'a> {
+    /// `[sets, queries]`.
+    pub(in crate::depthsplat) queries: &'a [f32],
+    /// `[sets, keys]`.
+    pub(in crate::depthsplat) keys: &'a [f32],
+}
+
+/// Groups of queries, each of which attends to the keys of its own group.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::depthsplat) struct Attention<'a> {
+    pub(in crate::depthsplat) q: Heads<'a>,
+    pub(in crate::depthsplat) k: Heads<'a>,
+    pub(in crate::depthsplat) v: Heads<'a>,
+    pub(in crate::depthsplat) groups: usize,
+    /// Queries per group.
+    pub(in crate::depthsplat) queries: usize,
+    /// Keys per group.
+    pub(in crate::depthsplat) keys: usize,
+    pub(in crate::depthsplat) heads: usize,
+    /// Channels per head.
+    pub(in crate::depthsplat) width: usize,
+    /// Factor of the scores.
+    pub(in crate::depthsplat) scale: f32,
+    /// Group g uses set g modulo their number.
+    pub(in crate::depthsplat) labels: Option<Labels<'a>>,
+}
+
+/// softmax(scale q kᵀ + mask) v, `[groups, queries, heads, width]`.
+pub(in crate::depthsplat) fn attend(a: &Attention<'_>) -> Vec<f32> {
+    let row = a.heads * a.width;
+    let mut out = vec![0.0; a.groups * a.queries * row];
+    let block = (SCORES / a.keys).clamp(12, 96) / 12 * 12;
+    out.par_chunks_mut(a.queries * row).enumerate().for_each(|(group, out)| {
+        let packed: Vec<(Packed, Packed)> =
+            (0..a.heads).into_par_iter().map(|head| pack(a, group, head)).collect();
+        out.par_chunks_mut(block * row).enumerate().for_each_init(Vec::new, |scores, (b, out)| {
+            for (head, (k, v)) in packed.iter().enumerate() {
+                let count = out.len() / row;
+                let queries = a.q.rows(head, group * a.queries + b * block, count);
+                head_block(a, (queries, k, v), (group, b * block), scores, &mut out[head * a.width..]);
+            }
+        });
+    });
+    out
+}
+
+/// Keys `[width, keys]` and values `[keys, width]` of a head.
+fn pack(a: &Attention<'_>, group: usize, head: usize) -> (Packed, Packed) {
+    let k = a.k.rows(head, group * a.keys, a.keys);
+    let v = a.v.rows(head, group * a.keys, a.keys);
+    (
+        Packed::new(a.width, a.keys, |c, key| k.values[key * k.stride + c]),
+        Packed::new(a.keys, a.width, |key, c| v.values[key * v.stride + c]),
+    )
+}
+
+fn head_block(
+    a: &Attention<'_>,
+    (queries, k, v): (Rows<'_>, &Packed, &Packed),
+    (group, first): (usize, usize),
+    scores: &mut Vec<f32>,
+    out: &mut [f32],
+) {
+    let stride = a.keys.next_multiple_of(PANEL);
+    scores.resize(queries.count * stride, 0.0);
+    multiply(queries, k, scores, stride);
+    let labels = a.labels.map(|labels| {
+        let set = group % (labels.queries.len() / a.queries);
+        let queries = &labels.queries[set * a.queries + first..][..queries.count];
+        (queries, &labels.keys[set * a.keys..][..a.keys])
+    });
+    let mut sums = vec![0.0; queries.count];
+    for (i, (row, sum)) in scores.chunks_exact_mut(stride).zip(&mut sums).enumerate() {
+        let labels = labels.map(|(queries, keys)| (queries[i], keys));
+        *sum = exponentials(&mut row[..a.keys], a.scale, labels);
+    }
+    let scores = Rows { values: scores, stride, count: queries.count };
+    let row = a.heads * a.width;
+    multiply(scores, v, out, row);
+    for (i, sum) in sums.iter().enumerate() {
+        out[i * row..][..a.width].iter_mut().for_each(|v| *v /= sum);
+    }
+}
+
+/// Replaces scores by exp(score - largest); returns their sum.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
+pub(super) fn exponentials(row: &mut [f32], scale: f32, labels: Option<(f32, &[f32])>) -> f32 {
+    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
+        exponentials_with::<true>(row, scale, labels)
+    } else {
+        exponentials_with::<false>(row, scale, labels)
+    }
+}
+
+#[inline(always)]
+fn exponentials_with<const FMA: bool>(row: &mut [f32], scale: f32, labels: Option<(f32, &[f32])>) -> f32 {
+    match labels {
+        None => row.iter_mut().for_each(|v| *v *= scale),
+        Some((label, keys)) => row
+            .iter_mut()
+            .zip(keys)
+            .for_each(|(v, &key)| *v = *v * scale + if key == label { 0.0 } else { -100.0 }),
+    }
+    // Several sums and maxima at a time, so that they are vectors; in an order that depends on nothing.
+    const LANES: usize = 16;
+    let mut largest = [f32::NEG_INFINITY; LANES];
+    let (chunks, rest) = row.as_chunks_mut::<LANES>();
+    for chunk in &*chunks {
+        for l in 0..LANES {
+            largest[l] = largest[l].max(chunk[l]);
+        }
+    }
+    let largest = largest.iter().chain(&*rest).fold(f32::NEG_INFINITY, |a, &b| a.max(b));
+    let mut sums = [0.0; LANES];
+    for chunk in chunks {
+        for l in 0..LANES {
+            chunk[l] = exp::<FMA>(chunk[l] - largest);
+            sums[l] += chunk[l];
+        }
+    }
+    let mut sum = sums.iter().sum();
+    for v in rest {
+        *v = exp::<FMA>(*v - largest);
+        sum += *v;
+    }
+    sum
+}
+
+/// softmax along rows of `channels`, in place.
+pub(in crate::depthsplat) fn softmax_rows(values: &mut [f32], channels: usize) {
+    values.par_chunks_mut(channels * 64).for_each(|rows| {
+        for row in rows.chunks_exact_mut(channels) {
+            let sum = exponentials(row, 1.0, None);
+            row.iter_mut().for_each(|v| *v /= sum);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+        #[test]
+        fn attention_agrees_with_the_definition(
+            (groups, queries, keys) in (1_usize..4, 1_usize..40, 1_usize..70),
+            (heads, width) in (1_usize..4, 1_usize..20),
+            labelled: bool,
+            seed: u32,
+        ) {
+            let value = |i: usize| {
+                let mixed = (i as u32 ^ seed).wrapping_mul(2_654_435_761);
+                ((mixed ^ (mixed >> 15)) >> 8) as f32 / 4_194_304.0 - 2.0
+            };
+            // q in its own rows, k and v interleaved in common ones.
+            let q: Vec<f32> = (0..groups * queries * heads * width).map(value).collect();
+            let kv: Vec<f32> = (0..groups * keys * heads * width * 2).map(|i| value(i + 31_337)).collect();
+            let (q_labels, k_labels): (Vec<f32>, Vec<f32>) = (
+                (0..2 * queries).map(|i| (i % 3) as f32).collect(),
+                (0..2 * keys).map(|i| (i % 5 % 3) as f32).collect(),
+            );
+            let stride = heads * width * 2;
+            let a = Attention {
+                q: Heads { values: &q, stride: heads * width, first: 0, step: width },
+                k: Heads { values: &kv, stride, first: 0, step: 2 * width },
+                v: Heads { values: &kv, stride, first: width, step: 2 * width },
+                groups, queries, keys, heads, width, scale: 0.7,
+                labels: labelled.then_some(Labels { queries: &q_labels, keys: &k_labels }),
+            };
+            let found = attend(&a);
+            for (group, query, head) in (0..groups * queries * heads)
+                .map(|i| (i / heads / queries, i / heads % queries, i % heads))
+            {
+                let at = |key: usize, c: usize| f64::from(kv[(group * keys + key) * stride + head * 2 * width + c]);
+                let mine = &q[((group * queries + query) * heads + head) * width..][..width];
+                let weights: Vec<f64> = (0..keys).map(|key| {
+                    let dot: f64 = mine.iter().enumerate().map(|(c, &v)| f64::from(v) * at(key, c)).sum();
+                    let set = group % 2;
+                    let apart = labelled && q_labels[set * queries + query] != k_labels[set * keys + key];
+                    (0.7 * dot - if apart { 100.0 } else { 0.0 }).exp()
+                }).collect();
+                let total: f64 = weights.iter().sum();
+                for c in 0..width {
+                    let sum: f64 = weights.iter().enumerate().map(|(key, w)| w * at(key, width + c)).sum();
+                    let found = f64::from(found[((group * queries + query) * heads + head) * width + c]);
+                    prop_assert!((found - sum / total).abs() < 3e-5, "{} and {}", found, sum / total);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn huge_scores_do_not_overflow() {
+        let mut row = vec![1e30, -1e30, 1e30, 0.0];
+        softmax_rows(&mut row, 4);
+        assert!(row[0] == 0.5 && row[2] == 0.5 && row[1].max(row[3]) < 1e-37, "{row:?}");
+    }
+}

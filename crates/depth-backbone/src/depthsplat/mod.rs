@@ -1,0 +1,237 @@
+//! DepthSplat's depth network (H. Xu et al., "DepthSplat: connecting Gaussian splatting and depth", 2025): posed
+//! photographs to depth and features.
+//!
+//! | module | part, by its name in the checkpoints |
+//! |---|---|
+//! | `cnn`, `vit`, `transformer` | `backbone`, `pretrained`, `transformer` |
+//! | `cost_volume`, `regressor` | `regressor`, `regressor_residual`, `depth_head` |
+//! | `dpt` | `upsampler`, `feature_upsampler` |
+//! | `gaussian_head` | `gaussian_regressor`, `gaussian_head` |
+//! | `network` | `depth_predictor`: all of them in order, with the pyramids |
+//! | `layers`, `kernels` | the layers on tensors; their arithmetic on slices of the CPU |
+//! | `variant`, `params`, `checkpoint`, `recipe` | which network it is, and where its weights come from |
+
+mod checkpoint;
+mod cnn;
+mod cost_volume;
+mod dpt;
+mod gaussian_head;
+mod kernels;
+mod layers;
+mod network;
+mod params;
+mod recipe;
+mod regressor;
+mod taps;
+mod transformer;
+mod variant;
+mod views;
+mod vit;
+
+pub use gaussian_head::PixelGaussians;
+pub use params::{WeightFault, WeightProblem};
+pub use taps::StageTime;
+pub use variant::{Scales, Variant, Vit};
+
+use crate::backbone::check_pixels;
+use crate::{DepthBackbone, DepthRange, Error, Result, ViewGeometry, Wanted, estimate};
+use candle_core::Device;
+use cost_volume::Bounds;
+use gs_scene::View;
+use layers::Engine;
+use network::{Network, NetworkInputs, NetworkOutputs};
+use params::Params;
+use std::path::Path;
+use taps::Taps;
+use views::Padded;
+
+/// DepthSplat's depth network with its weights.
+///
+/// Views must have one size, any; there must be two or more. Depth is known at every pixel. The confidence is the largest
+/// probability that the network gives to one depth; features are those of its upsampler, 64, 96 or 128 channels.
+pub struct DepthSplat {
+    network: Network,
+    range: DepthRange,
+}
+
+/// What a pass through the network shows of itself.
+#[derive(Debug, Clone, Default)]
+pub struct Trace {
+    /// Maps between the stages, if they were wanted, images as `[views, channels, h, w]`.
+    pub maps: Vec<TracedMap>,
+    /// Time of each stage.
+    pub stages: Vec<StageTime>,
+}
+
+/// A map between two stages.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TracedMap {
+    /// What it is, as in the golden files.
+    pub name: String,
+    /// Its shape.
+    pub shape: Vec<usize>,
+    /// Its values, row-major.
+    pub values: Vec<f32>,
+}
+
+impl DepthSplat {
+    /// The network of a checkpoint, on the CPU: a published `.pth`, a Lightning `.ckpt`, or a `.safetensors` with the same
+    /// names. Which network it is, its tensors tell. If the file's name ends in eight hexadecimal digits, as those of the
+    /// published ones do, they must be the first of its SHA-256.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is another than its name promises, holds none of the known networks, or any of its tensors
+    /// is missing, unexpected, misshapen or not finite.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        Self::open_on(path, &Device::Cpu)
+    }
+
+    /// The same on a device of candle's: with the features `cuda` or `metal` a GPU.
+    ///
+    /// # Errors
+    /// As [`DepthSplat::open`].
+    pub fn open_on(path: impl AsRef<Path>, device: &Device) -> Result<Self> {
+        let path = path.as_ref();
+        let (params, variant, with_heads) = checkpoint::open(path, device)?;
+        let network = Network::new(&params, variant, with_heads)
+            .map_err(|source| Error::WeightsUnreadable { path: path.to_owned(), source })?;
+        checkpoint::check(path, &params, variant)?;
+        Ok(Self { network, range: DepthRange::Estimate })
+    }
+
+    /// A network whose weights follow a rule instead of training: it computes all that the trained one does, and its
+    /// depth means nothing. Another salt gives other weights. For tests of the arithmetic, and for timing.
+    ///
+    /// # Errors
+    /// If a tensor cannot be made.
+    pub fn untrained(variant: Variant, salt: &str) -> Result<Self> {
+        Self::untrained_with(variant, salt, Engine::Kernels)
+    }
+
+    fn untrained_with(variant: Variant, salt: &str, engine: Engine) -> Result<Self> {
+        let params = Params::from_recipe(salt, &Device::Cpu, engine);
+        let network = Network::new(&params, variant, true)?;
+        Ok(Self { network, range: DepthRange::Estimate })
+    }
+
+    /// The same with another depth range. It is estimated from the views, unless stated; the published models were
+    /// trained with 0.5 to 200 (DL3DV) and 0.5 to 100 (RealEstate10K), in the units of these data sets.
+    #[must_use]
+    pub fn with_range(self, range: DepthRange) -> Self {
+        Self { range, ..self }
+    }
+
+    /// Which network it is.
+    #[must_use]
+    pub fn variant(&self) -> Variant {
+        self.network.variant()
+    }
+
+    /// Whether the weights for features and Gaussians are there: checkpoints of depth alone lack them.
+    #[must_use]
+    pub fn has_features(&self) -> bool {
+        self.network.has_heads()
+    }
+
+    /// Depth, confidence and features as [`DepthBackbone::estimate`] gives them, with a near and a far plane per view, and
+    /// what the pass shows of itself; its maps are large.
+    ///
+    /// # Errors
+    /// As [`DepthBackbone::estimate`]; if there is not one range per view.
+    pub fn trace(
+        &self,
+        views: &[View],
+        ranges: &[(f64, f64)],
+        maps: bool,
+    ) -> Result<(Vec<ViewGeometry>, Trace)> {
+        let bounds = per_view_bounds(views, ranges)?;
+        let mut taps = if maps { Taps::with_maps() } else { Taps::default() };
+        let wanted = if self.has_features() { Wanted::DepthAndFeatures } else { Wanted::Depth };
+        let pass = self.pass(views, &bounds, wanted, &mut taps)?;
+        if maps {
+            self.network.gaussians(&pass.inputs(&bounds), &pass.outputs, &mut taps)?;
+        }
+        let geometry = self.geometry(views, &pass)?;
+        let stages = taps.times().to_vec();
+        let traced = |(name, tensor): (String, candle_core::Tensor)| {
+            Ok(TracedMap { name, shape: tensor.dims().to_vec(), values: tensor.flatten_all()?.to_vec1()? })
+        };
+        let maps = taps.into_maps()?.into_iter().map(traced).collect::<Result<_>>()?;
+        Ok((geometry, Trace { maps, stages }))
+    }
+
+    /// DepthSplat's own Gaussians, one per pixel, with a near and a far plane per view.
+    ///
+    /// # Errors
+    /// As [`DepthSplat::trace`]; if the weights are for depth alone.
+    pub fn gaussians(&self, views: &[View], ranges: &[(f64, f64)]) -> Result<PixelGaussians> {
+        let bounds = per_view_bounds(views, ranges)?;
+        let taps = &mut Taps::default();
+        let pass = self.pass(views, &bounds, Wanted::DepthAndFeatures, taps)?;
+        Ok(self.network.gaussians(&pass.inputs(&bounds), &pass.outputs, taps)?)
+    }
+
+    fn pass(&self, views: &[View], bounds: &[Bounds], wanted: Wanted, taps: &mut Taps) -> Result<Pass> {
+        check_pixels(views)?;
+        if views.len() < 2 {
+            return Err(Error::OneView);
+        }
+        let with_features = wanted == Wanted::DepthAndFeatures;
+        if with_features && !self.has_features() {
+            return Err(Error::NoFeatureWeights);
+        }
+        let padded = Padded::new(views, self.variant().scales.multiple(), self.network.device())?;
+        let inputs = NetworkInputs { images: &padded.images, cameras: &padded.cameras, bounds };
+        let outputs = self.network.forward(&inputs, with_features, taps)?;
+        Ok(Pass { padded, outputs })
+    }
+
+    fn geometry(&self, views: &[View], pass: &Pass) -> Result<Vec<ViewGeometry>> {
+        let Pass { padded, outputs } = pass;
+        let factor = self.variant().scales.upsampling();
+        let one = |(i, view): (usize, &View)| {
+            Ok(ViewGeometry {
+                depth: padded.depth(&outputs.depth, (i, view.name()))?,
+                confidence: padded.confidence(&outputs.match_probability, factor, i)?,
+                features: outputs.features.as_ref().map(|f| padded.features(f, i)).transpose()?,
+            })
+        };
+        views.iter().enumerate().map(one).collect()
+    }
+}
+
+/// What went into the network and what came out.
+struct Pass {
+    padded: Padded,
+    outputs: NetworkOutputs,
+}
+
+impl Pass {
+    fn inputs<'a>(&'a self, bounds: &'a [Bounds]) -> NetworkInputs<'a> {
+        NetworkInputs { images: &self.padded.images, cameras: &self.padded.cameras, bounds }
+    }
+}
+
+fn per_view_bounds(views: &[View], ranges: &[(f64, f64)]) -> Result<Vec<Bounds>> {
+    if ranges.len() != views.len() {
+        let (setting, expected) = ("number of ranges", "one per view");
+        return Err(Error::Setting { setting, found: ranges.len() as f64, expected });
+    }
+    ranges.iter().map(|&(near, far)| views::bounds(near, far)).collect()
+}
+
+impl DepthBackbone for DepthSplat {
+    fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
+        check_pixels(views)?;
+        if views.len() < 2 {
+            return Err(Error::OneView);
+        }
+        let (near, far) = match self.range {
+            DepthRange::Known { near, far } => (near, far),
+            DepthRange::Estimate => estimate::depth_range(views)?,
+        };
+        let bounds = vec![views::bounds(near, far)?; views.len()];
+        let pass = self.pass(views, &bounds, wanted, &mut Taps::default())?;
+        self.geometry(views, &pass)
+    }
+}
