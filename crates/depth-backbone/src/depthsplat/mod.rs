@@ -15,6 +15,8 @@ mod checkpoint;
 mod cnn;
 mod cost_volume;
 mod dpt;
+#[cfg(test)]
+mod engine_tests;
 mod gaussian_head;
 mod kernels;
 mod layers;
@@ -41,6 +43,7 @@ use gs_scene::View;
 use layers::Engine;
 use network::{Network, NetworkInputs, NetworkOutputs};
 use params::Params;
+use std::collections::BTreeMap;
 use std::path::Path;
 use taps::Taps;
 use views::Padded;
@@ -114,7 +117,17 @@ impl DepthSplat {
         Ok(Self { network, range: DepthRange::Estimate })
     }
 
-    /// The same with another depth range. It is estimated from the views, unless stated; the published models were
+    /// Names and shapes of all parameters of a variant, as in the GS checkpoints without `encoder.`.
+    ///
+    /// # Errors
+    /// If a tensor cannot be made.
+    pub fn parameters(variant: Variant) -> Result<BTreeMap<String, Vec<usize>>> {
+        let params = Params::from_recipe("", &Device::Cpu, Engine::Composed);
+        Network::new(&params, variant, true)?;
+        Ok(params.requested())
+    }
+
+    /// The same network with another depth range. It is estimated from the views, unless stated; the published models were
     /// trained with 0.5 to 200 (DL3DV) and 0.5 to 100 (RealEstate10K), in the units of these data sets.
     #[must_use]
     pub fn with_range(self, range: DepthRange) -> Self {

@@ -5,6 +5,9 @@
 
 /// Stereo against the exact depth of simulated scenes.
 mod accuracy;
+/// DepthSplat's network.
+#[cfg(feature = "depthsplat")]
+mod depthsplat;
 /// Measured depth.
 mod given_depth;
 /// Input that is wrong, empty or useless: an error that names it, or a defined result.

@@ -9,7 +9,7 @@ use serde_json::Value;
 use std::collections::HashMap;
 
 /// What can be wrong with a file.
-pub type Failure = Box<dyn std::error::Error>;
+pub(crate) type Failure = Box<dyn std::error::Error>;
 
 /// A map as the file holds it.
 #[derive(Debug)]
@@ -25,27 +25,27 @@ struct Tap {
 
 /// A case: a network, what it sees, what it should find.
 #[derive(Debug)]
-pub struct Golden {
-    pub variant: Variant,
-    pub salt: String,
-    pub views: Vec<View>,
+pub(crate) struct Golden {
+    pub(crate) variant: Variant,
+    pub(crate) salt: String,
+    pub(crate) views: Vec<View>,
     /// Near and far plane per view.
-    pub ranges: Vec<(f64, f64)>,
+    pub(crate) ranges: Vec<(f64, f64)>,
     taps: Vec<Tap>,
 }
 
 /// How a computed map differs from the file's.
 #[derive(Debug)]
-pub struct Deviation {
-    pub name: String,
+pub(crate) struct Deviation {
+    pub(crate) name: String,
     /// Root mean square of the difference over that of the map.
-    pub rms: f64,
+    pub(crate) rms: f64,
     /// Largest difference over the root mean square of the map.
-    pub largest: f64,
+    pub(crate) largest: f64,
     /// Largest difference of a channel's mean or root mean square, over that of all channels.
-    pub channels: f64,
+    pub(crate) channels: f64,
     /// Largest difference relative to the value itself.
-    pub relative: f64,
+    pub(crate) relative: f64,
 }
 
 fn floats(file: &SafeTensors<'_>, name: &str) -> Result<(Vec<usize>, Vec<f32>), Failure> {
@@ -67,7 +67,7 @@ fn stored_as(text: &str) -> Option<(Vec<usize>, usize)> {
 
 impl Golden {
     /// Reads a file.
-    pub fn read(bytes: &[u8]) -> Result<Self, Failure> {
+    pub(crate) fn read(bytes: &[u8]) -> Result<Self, Failure> {
         let file = SafeTensors::deserialize(bytes)?;
         let (_, metadata) = SafeTensors::read_metadata(bytes)?;
         let metadata: HashMap<String, String> = metadata.metadata().clone().unwrap_or_default();
@@ -87,7 +87,7 @@ impl Golden {
             let (shape, values) = floats(&file, name)?;
             let stored = metadata.get(name).ok_or(format!("no metadata of {name}"))?;
             let (full, stride) = stored_as(stored).ok_or(format!("metadata of {name}: {stored}"))?;
-            if full.iter().product::<usize>().div_ceil(stride) != shape.iter().product() {
+            if full.iter().product::<usize>().div_ceil(stride) != shape.iter().product::<usize>() {
                 return Err(format!("{name} has shape {shape:?}, stored as {stored}").into());
             }
             let channels = floats(&file, &format!("{name}#chan")).ok().map(|(_, values)| values);
@@ -100,7 +100,7 @@ impl Golden {
     }
 
     /// Runs the network and compares each map of the file; those that were not computed have no deviation.
-    pub fn compare(&self, network: &DepthSplat) -> Result<Vec<(String, Option<Deviation>)>, Failure> {
+    pub(crate) fn compare(&self, network: &DepthSplat) -> Result<Vec<(String, Option<Deviation>)>, Failure> {
         let (geometry, trace) = network.trace(&self.views, &self.ranges, true)?;
         let mut maps: HashMap<String, TracedMap> =
             trace.maps.into_iter().map(|map| (map.name.clone(), map)).collect();
@@ -172,7 +172,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 impl Tap {
     fn deviation(&self, map: &TracedMap) -> Result<Deviation, Failure> {
         let computed: usize = map.shape.iter().product();
-        if computed != self.shape.iter().product() || map.values.len() != computed {
+        if computed != self.shape.iter().product::<usize>() || map.values.len() != computed {
             return Err(
                 format!("{} has shape {:?}, the file's {:?}", self.name, map.shape, self.shape).into()
             );
