@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release -p depth-backbone --features depthsplat --example check_golden -- FILE.safetensors ..`
 //!
+//! With `--weights CHECKPOINT` before the files, the network of a checkpoint takes the place of the weights by rule.
+//!
 //! The exit status is 1 if any map is outside the tolerances, or was not computed.
 
 #[path = "../tests/it/depthsplat/golden.rs"]
@@ -24,12 +26,15 @@ fn within(d: &Deviation) -> bool {
     d.rms <= RMS && d.largest <= LARGEST && d.channels <= 10.0 * RMS && depth
 }
 
-fn check(path: &str) -> Result<bool, Failure> {
+fn check(path: &str, weights: Option<&str>) -> Result<bool, Failure> {
     let golden = Golden::read(&std::fs::read(path)?)?;
     let first = &golden.views[0];
     let (width, height) = (first.image().width(), first.image().height());
     println!("{path}: {}, {} views of {width}x{height}", golden.variant, golden.views.len());
-    let network = DepthSplat::untrained(golden.variant, &golden.salt)?;
+    let network = match weights {
+        Some(weights) => DepthSplat::open(weights)?,
+        None => DepthSplat::untrained(golden.variant, &golden.salt)?,
+    };
     println!("{:28} {:>9} {:>9} {:>9}", "map", "rms", "largest", "channels");
     let (mut good, mut worst) = (true, 0.0_f64);
     for (name, deviation) in golden.compare(&network)? {
@@ -54,14 +59,18 @@ fn check(path: &str) -> Result<bool, Failure> {
 }
 
 fn main() -> ExitCode {
-    let paths: Vec<String> = std::env::args().skip(1).collect();
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let (weights, paths) = match arguments.as_slice() {
+        [option, weights, paths @ ..] if option == "--weights" => (Some(weights.as_str()), paths),
+        paths => (None, paths),
+    };
     if paths.is_empty() {
-        eprintln!("usage: check_golden FILE.safetensors ..");
+        eprintln!("usage: check_golden [--weights CHECKPOINT] FILE.safetensors ..");
         return ExitCode::from(2);
     }
     let mut good = true;
-    for path in &paths {
-        match check(path) {
+    for path in paths {
+        match check(path, weights) {
             Ok(within) => good &= within,
             Err(failure) => {
                 eprintln!("{path}: {failure}");

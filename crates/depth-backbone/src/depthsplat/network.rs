@@ -138,7 +138,7 @@ impl Network {
         with_features: bool,
         taps: &mut Taps,
     ) -> Result<NetworkOutputs> {
-        let (views, height, width, _) = inputs.images.dims4()?;
+        let (_, height, width, _) = inputs.images.dims4()?;
         let images = normalised(inputs.images)?;
         let neighbours = cost_volume::neighbours(inputs.cameras);
         let cnn = self.timed(taps, "cnn", |taps| self.cnn(&images, taps))?;
@@ -184,12 +184,12 @@ impl Network {
         };
         // View by view from here on: the maps are large.
         let (mut depths, mut features) = (Vec::new(), Vec::new());
-        for view in 0..views {
+        for (view, cnn) in cnn.iter().enumerate() {
             let one = |x: &Tensor| x.narrow(0, view, 1)?.contiguous();
             let mono = intermediate.iter().map(one).collect::<Result<Vec<_>>>()?;
             let mv = mv.iter().map(one).collect::<Result<Vec<_>>>()?;
             let z = one(&coarse)?;
-            let mut at = DptInputs { mono: &mono, cnn: &cnn[view], mv: &mv, inverse_depth: Some(&z) };
+            let mut at = DptInputs { mono: &mono, cnn, mv: &mv, inverse_depth: Some(&z) };
             depths.push(self.timed(taps, "upsampler", |taps| {
                 let residual = self.depth_residual.forward(&self.upsampler.forward(&at, taps)?)?;
                 taps.map("dpt.residual", &residual)?;

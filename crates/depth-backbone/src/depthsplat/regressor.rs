@@ -82,22 +82,29 @@ impl CrossView {
     }
 }
 
+/// A residual block and what follows it: attention on the lowest level, a convolution at twice the resolution.
+struct ResLevel {
+    res: Res,
+    cross_view: Option<CrossView>,
+    up: Option<Conv>,
+}
+
 /// A step of the U-Net.
 enum Block {
     Conv(Conv),
-    Res(Res, Option<CrossView>, Option<Conv>),
+    Res(Box<ResLevel>),
 }
 
 impl Block {
     fn forward(&self, x: &Tensor) -> Result<Tensor> {
         match self {
             Self::Conv(conv) => conv.forward(x),
-            Self::Res(res, cross_view, up) => {
-                let mut y = res.forward(x)?;
-                if let Some(cross_view) = cross_view {
+            Self::Res(level) => {
+                let mut y = level.res.forward(x)?;
+                if let Some(cross_view) = &level.cross_view {
                     y = cross_view.forward(&y)?;
                 }
-                match up {
+                match &level.up {
                     Some(conv) => conv.forward(&nearest(&y, 2)?),
                     None => Ok(y),
                 }
@@ -127,7 +134,8 @@ impl UNet {
             let p = p(2 * level + 1);
             let lowest = level + 1 == levels;
             let cross_view = if lowest { Some(CrossView::new(&p.pp(1), channels)?) } else { None };
-            input_blocks.push(Block::Res(Res::new(&p.pp(0), channels, channels)?, cross_view, None));
+            let res = Res::new(&p.pp(0), channels, channels)?;
+            input_blocks.push(Block::Res(Box::new(ResLevel { res, cross_view, up: None })));
         }
         let mut output_blocks = Vec::new();
         for k in 0..2 * levels {
@@ -139,7 +147,8 @@ impl UNet {
             } else {
                 None
             };
-            output_blocks.push(Block::Res(Res::new(&p.pp(0), 2 * channels, channels)?, cross_view, up));
+            let res = Res::new(&p.pp(0), 2 * channels, channels)?;
+            output_blocks.push(Block::Res(Box::new(ResLevel { res, cross_view, up })));
         }
         Ok(Self {
             input_blocks,

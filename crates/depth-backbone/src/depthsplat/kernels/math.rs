@@ -17,8 +17,15 @@ pub(super) fn exp<const FMA: bool>(x: f32) -> f32 {
     const HIGH: f32 = std::f32::consts::LOG2_E;
     const LOW: f32 = (std::f64::consts::LOG2_E - std::f32::consts::LOG2_E as f64) as f32;
     // 2^f on [-½, ½]: weighted least squares on Chebyshev nodes, relative error 2e-9 before rounding.
-    const P: [f32; 7] =
-        [1.0, 0.693_147_2, 0.240_226_48, 0.055_503_324, 0.009_618_437, 0.001_339_887_4, 0.000_153_533_59];
+    const P: [f32; 7] = [
+        1.0,
+        std::f32::consts::LN_2,
+        0.240_226_48,
+        0.055_503_324,
+        0.009_618_437,
+        0.001_339_887_4,
+        0.000_153_533_59,
+    ];
     let x = x.max(-87.3);
     let rounded = mul_add::<FMA>(x, HIGH, ROUND);
     let n = rounded - ROUND;
@@ -40,14 +47,14 @@ pub(super) fn erf<const FMA: bool>(x: f32) -> f32 {
     // nodes, so that the error of erf is 9e-9 before rounding.
     const Q: [f32; 9] = [
         1.128_379_8,
-        0.636_607_53,
+        0.636_607_5,
         0.102_854_57,
         -0.019_382_427,
         0.000_203_152_5,
         0.001_344_343,
         -0.000_472_881_86,
         7.654_182e-5,
-        -5.018_656_8e-6,
+        -5.018_657e-6,
     ];
     let a = x.abs().min(4.0);
     let mut q = Q[8];
