@@ -87,7 +87,7 @@ const TIDY: Step = Step::Check("tidy", tidy::check);
 const SAME_CASES: [(&str, &str); 1] = [("PROPTEST_RNG_SEED", "20251")];
 
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 10] = [
+const CI: [Step; 12] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
@@ -123,6 +123,26 @@ const CI: [Step; 10] = [
     Step::Cargo(
         "test without rayon and serde",
         &["test", "--package", "knn", "--package", "entropy-sampler", "--no-default-features"],
+        &SAME_CASES,
+    ),
+    Step::Cargo(
+        "clippy of the network",
+        &[
+            "clippy",
+            "--package",
+            "depth-backbone",
+            "--features",
+            "depthsplat",
+            "--all-targets",
+            "--",
+            "-D",
+            "warnings",
+        ],
+        &[],
+    ),
+    Step::Cargo(
+        "test of the network",
+        &["test", "--package", "depth-backbone", "--features", "depthsplat"],
         &SAME_CASES,
     ),
     Step::Cargo("doc", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-Dwarnings")]),

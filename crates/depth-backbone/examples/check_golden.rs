@@ -20,9 +20,9 @@ const DEPTH: f64 = 1e-4;
 /// Largest error of a map in units of its root mean square.
 const LARGEST: f64 = 5e-4;
 
-fn within(name: &str, d: &Deviation) -> bool {
+fn within(d: &Deviation) -> bool {
     // Written so that NaN is outside.
-    let depth = name != "depth.final" || d.relative <= DEPTH;
+    let depth = d.name != "depth.final" || d.relative <= DEPTH;
     d.rms <= RMS && d.largest <= LARGEST && d.channels <= 10.0 * RMS && depth
 }
 
@@ -40,12 +40,12 @@ fn check(path: &str, weights: Option<&str>) -> Result<bool, Failure> {
     for (name, deviation) in golden.compare(&network)? {
         match deviation {
             Some(d) => {
-                let verdict = if within(&name, &d) { "" } else { "  OUTSIDE" };
+                let verdict = if within(&d) { "" } else { "  OUTSIDE" };
                 println!("{name:28} {:9.1e} {:9.1e} {:9.1e}{verdict}", d.rms, d.largest, d.channels);
                 if name == "depth.final" {
                     println!("{:28} {:>9} {:9.1e}", "  relative to the depth", "", d.relative);
                 }
-                good &= within(&name, &d);
+                good &= within(&d);
                 worst = worst.max(d.rms);
             }
             None => {

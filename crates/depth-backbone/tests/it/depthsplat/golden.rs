@@ -36,7 +36,9 @@ pub(crate) struct Golden {
 
 /// How a computed map differs from the file's.
 #[derive(Debug)]
+#[allow(dead_code, reason = "shared with an example, which names and judges more")]
 pub(crate) struct Deviation {
+    pub(crate) name: String,
     /// Root mean square of the difference over that of the map.
     pub(crate) rms: f64,
     /// Largest difference over the root mean square of the map.
@@ -185,6 +187,7 @@ impl Tap {
             pairs.iter().map(f).fold(0.0, |m: f64, v| if v.is_nan() || v > m { v } else { m })
         };
         Ok(Deviation {
+            name: self.name.clone(),
             rms: rms(pairs.iter().map(|(a, b)| a - b)) / size,
             largest: largest(&|(a, b)| (a - b).abs()) / size,
             channels: self.channels.as_ref().map_or(0.0, |expected| channel_deviation(map, expected)),
