@@ -1,3 +1,4 @@
+use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Width of an anchor's feature vector between layers (paper, supplement: hidden width 128).
@@ -10,6 +11,14 @@ pub const HEAD_WIDTH: usize = WIDTH / HEADS;
 pub const LAYERS: usize = 3;
 /// Outputs per anchor: opacity 1, scale 3, rotation 4, SH of degree 2 27, offset 3.
 pub const OUTPUTS: usize = 38;
+/// What is left of a neighbour before [`Kind::Mlp`] concatenates them all.
+pub const MESSAGE: usize = 16;
+
+/// Largest number of features of either sort, well above what backbones have. It keeps a damaged file from asking for
+/// all memory.
+const LARGEST_FEATURES: usize = 4096;
+/// Largest number of neighbours that a head is trained with; the paper's largest is 40.
+const LARGEST_NEIGHBOURS: usize = 1024;
 
 /// How neighbours are gathered (paper, section 3.3 and the ablation of heads).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -25,16 +34,47 @@ pub enum Kind {
     MaxPool,
 }
 
+impl Kind {
+    /// Every kind.
+    pub const ALL: [Self; 4] = [Self::Attention, Self::Mlp, Self::EdgeConv, Self::MaxPool];
+}
+
 /// Shape of a head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// How neighbours are gathered.
     pub kind: Kind,
-    /// Geometric features g per anchor.
+    /// Geometric features g per anchor, 1 to 4096.
     pub geometry: usize,
-    /// Image features v per anchor.
+    /// Image features v per anchor, 1 to 4096.
     pub image: usize,
-    /// Neighbours K that the head is trained with. All but the MLP take any number.
+    /// Neighbours K that the head is trained with, up to 1024. All but the MLP take any number.
     pub neighbours: usize,
+}
+
+impl Config {
+    /// That the numbers are within their ranges.
+    ///
+    /// # Errors
+    /// Naming the first that is not.
+    pub fn check(&self) -> Result<()> {
+        let ranges = [
+            ("geometry", self.geometry, 1..=LARGEST_FEATURES),
+            ("image", self.image, 1..=LARGEST_FEATURES),
+            ("neighbours", self.neighbours, 0..=LARGEST_NEIGHBOURS),
+        ];
+        match ranges.into_iter().find(|(_, found, allowed)| !allowed.contains(found)) {
+            Some((setting, found, allowed)) => Err(Error::Setting { setting, found, allowed }),
+            None => Ok(()),
+        }
+    }
+
+    /// That a head of this shape can look at `k` neighbours.
+    pub(crate) fn check_neighbours(&self, k: usize) -> Result<()> {
+        if self.kind == Kind::Mlp && k != self.neighbours {
+            return Err(Error::NeighboursFixed { expected: self.neighbours, found: k });
+        }
+        Ok(())
+    }
 }

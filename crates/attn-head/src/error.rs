@@ -1,7 +1,20 @@
-/// Why there are no outputs.
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
+
+/// Why there are no outputs, or no weights.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
+    /// A number of the configuration is out of its range.
+    #[error("{setting} is {found}, expected {} to {}", allowed.start(), allowed.end())]
+    Setting {
+        /// Name of the field.
+        setting: &'static str,
+        /// The value given.
+        found: usize,
+        /// What is allowed.
+        allowed: RangeInclusive<usize>,
+    },
     /// An input has another length than the number of anchors and the configuration ask for.
     #[error("{what}: {found} numbers, expected {expected}")]
     Length {
@@ -11,6 +24,16 @@ pub enum Error {
         expected: usize,
         /// Numbers given.
         found: usize,
+    },
+    /// A tensor has another shape than its use asks for.
+    #[error("{what} has shape {found:?}, expected {expected:?}")]
+    Shape {
+        /// Which tensor.
+        what: &'static str,
+        /// The shape that is needed.
+        expected: Vec<usize>,
+        /// That of the tensor given.
+        found: Vec<usize>,
     },
     /// A neighbour that does not exist.
     #[error("anchor {anchor} has neighbour {found}, expected an index below {n}")]
@@ -22,7 +45,135 @@ pub enum Error {
         /// Number of anchors.
         n: usize,
     },
+    /// Another number of neighbours than the MLP's input has places for.
+    #[error("{found} neighbours per anchor: this head is an MLP over exactly {expected}")]
+    NeighboursFixed {
+        /// The number that the head is made for.
+        expected: usize,
+        /// The number given.
+        found: usize,
+    },
+    /// An input is NaN or infinite.
+    #[error("{what} of anchor {anchor} is not finite")]
+    InputNotFinite {
+        /// Which input.
+        what: &'static str,
+        /// Whose.
+        anchor: usize,
+    },
+    /// Inputs and weights are finite, and so large that the result is not.
+    #[error("the outputs of anchor {anchor} overflow: its inputs or the weights are extreme")]
+    OutputNotFinite {
+        /// Whose.
+        anchor: usize,
+    },
+    /// Tensors of a set of weights are missing, unexpected, misshapen, of another type or not finite.
+    #[error("the weights do not fit: {}", problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    Weights {
+        /// All that does not fit.
+        problems: Vec<WeightProblem>,
+    },
+    /// The bytes are not safetensors.
+    #[error("not a sound safetensors file")]
+    NotSafetensors(#[from] safetensors::SafeTensorError),
+    /// The header of the safetensors lists data that are not there.
+    #[error(
+        "{name} ends at byte {end} of the data, of which there are {found}: the file is cut short or damaged"
+    )]
+    Truncated {
+        /// Which tensor.
+        name: String,
+        /// Where its data should end.
+        end: u64,
+        /// Bytes after the header.
+        found: u64,
+    },
+    /// The metadata of the safetensors has no configuration of a head.
+    #[error("no `{key}` in the file's metadata: these are not the weights of a head")]
+    NotAHead {
+        /// The key under which it should be.
+        key: &'static str,
+    },
+    /// The configuration, or the header around it, cannot be understood.
+    #[error("the file's {part} cannot be understood")]
+    Description {
+        /// Header or configuration.
+        part: &'static str,
+        /// Why.
+        source: serde_json::Error,
+    },
+    /// A file is larger than the weights of any head.
+    #[error("more than {limit} bytes, and no head has that many")]
+    TooLarge {
+        /// Largest number of bytes.
+        limit: u64,
+    },
+    /// A file cannot be read.
+    #[error("cannot be read")]
+    Io(#[from] std::io::Error),
+    /// What is wrong with a file.
+    #[error("weights {}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
+    /// A file cannot be written.
+    #[error(transparent)]
+    Write(#[from] gs_scene::Error),
+    /// An operation on tensors failed.
+    #[error(transparent)]
+    Tensor(#[from] candle_core::Error),
 }
 
 /// This crate's result.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// What is wrong with a tensor among the weights.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum WeightFault {
+    /// The head needs it, and it is not there.
+    Missing,
+    /// It is there, and the head has no use for it.
+    Unexpected,
+    /// It has another shape.
+    Shape {
+        /// What the head needs.
+        expected: Vec<usize>,
+        /// What is there.
+        found: Vec<usize>,
+    },
+    /// It holds something else than 32-bit floating-point numbers.
+    Type {
+        /// What it holds.
+        found: safetensors::Dtype,
+    },
+    /// It holds a NaN or an infinity.
+    NotFinite,
+}
+
+/// A tensor that does not fit.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WeightProblem {
+    /// Its name.
+    pub name: String,
+    /// What is wrong.
+    pub fault: WeightFault,
+}
+
+impl std::fmt::Display for WeightProblem {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { name, fault } = self;
+        match fault {
+            WeightFault::Missing => write!(f, "{name} is missing"),
+            WeightFault::Unexpected => write!(f, "{name} is unexpected"),
+            WeightFault::Shape { expected, found } => {
+                write!(f, "{name} has shape {found:?}, expected {expected:?}")
+            }
+            WeightFault::Type { found } => write!(f, "{name} holds {found:?}, expected F32"),
+            WeightFault::NotFinite => write!(f, "{name} holds a value that is not finite"),
+        }
+    }
+}

@@ -11,7 +11,7 @@ pub struct Inputs<'a> {
     pub geometry: &'a [f32],
     /// Image features v, `[n, config.image]`.
     pub image: &'a [f32],
-    /// Index of each neighbour, `[n, k]`.
+    /// Index of each neighbour, `[n, k]`, the nearest first.
     pub neighbours: &'a [u32],
     /// Where each neighbour lies as seen from its anchor, p_j - p_i, `[n, k, 3]`; in whatever frame and unit the
     /// head is trained with. That of the anchor itself, 0, is not stored.
@@ -19,26 +19,45 @@ pub struct Inputs<'a> {
 }
 
 impl Inputs<'_> {
-    /// Lengths agree with each other and with `config`, and neighbours exist.
+    /// Lengths agree with each other and with `config`, neighbours exist, and all is finite.
     ///
     /// # Errors
-    /// Naming what does not fit.
+    /// Naming what does not fit, and where.
     pub fn check(&self, config: &Config) -> Result<()> {
+        config.check()?;
         let &Self { n, k, .. } = self;
+        config.check_neighbours(k)?;
+        // No slice is so long that a product which saturates could be its length.
         let lengths = [
-            ("geometry", n * config.geometry, self.geometry.len()),
-            ("image", n * config.image, self.image.len()),
-            ("neighbours", n * k, self.neighbours.len()),
-            ("relative", n * k, self.relative.len()),
+            ("geometry", n.saturating_mul(config.geometry), self.geometry.len()),
+            ("image", n.saturating_mul(config.image), self.image.len()),
+            ("neighbours", n.saturating_mul(k), self.neighbours.len()),
+            ("relative", n.saturating_mul(k), self.relative.len()),
         ];
         for (what, expected, found) in lengths {
             if expected != found {
                 return Err(Error::Length { what, expected, found });
             }
         }
-        match self.neighbours.iter().position(|&j| j as usize >= n) {
-            Some(at) => Err(Error::Neighbour { anchor: at / k, found: self.neighbours[at], n }),
-            None => Ok(()),
+        check_neighbours(self.neighbours, n, k)?;
+        let values = [
+            ("geometry", self.geometry, config.geometry),
+            ("image", self.image, config.image),
+            ("relative", self.relative.as_flattened(), 3 * k),
+        ];
+        for (what, values, per_anchor) in values {
+            if let Some(at) = values.iter().position(|v| !v.is_finite()) {
+                return Err(Error::InputNotFinite { what, anchor: at / per_anchor });
+            }
         }
+        Ok(())
+    }
+}
+
+/// That all of `[n, k]` neighbours exist.
+pub(crate) fn check_neighbours(neighbours: &[u32], n: usize, k: usize) -> Result<()> {
+    match neighbours.iter().position(|&j| j as usize >= n) {
+        Some(at) => Err(Error::Neighbour { anchor: at / k, found: neighbours[at], n }),
+        None => Ok(()),
     }
 }

@@ -1,11 +1,18 @@
 #![doc = include_str!("../README.md")]
 
 mod config;
+mod draw;
 mod error;
+mod file;
+mod head;
 mod inputs;
+mod layout;
+pub mod plain;
 mod weights;
 
-pub use config::{Config, HEADS, HEAD_WIDTH, Kind, LAYERS, OUTPUTS, WIDTH};
-pub use error::{Error, Result};
+pub use config::{Config, HEAD_WIDTH, HEADS, Kind, LAYERS, MESSAGE, OUTPUTS, WIDTH};
+pub use error::{Error, Result, WeightFault, WeightProblem};
+pub use head::Head;
 pub use inputs::Inputs;
-pub use weights::{Layout, Parameter, Weights};
+pub use layout::{Layout, Parameter};
+pub use weights::Weights;

@@ -1,0 +1,144 @@
+//! Weights in files: safetensors with one tensor per parameter. All of the metadata stands under one key, as JSON, so
+//! that the same weights give the same bytes: the order of several keys would be arbitrary.
+
+use crate::{Config, Error, Layout, Result, WeightFault, WeightProblem, Weights};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Key of the description in the metadata.
+const KEY: &str = "attn-head";
+/// Largest file, bytes: above what any head within the ranges of [`Config`] needs.
+const LARGEST_FILE: u64 = 64 << 20;
+
+/// What is under [`KEY`].
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Description {
+    config: Config,
+    metadata: BTreeMap<String, String>,
+}
+
+/// Where the data of a tensor lie, as the header has it; all else is ignored.
+#[derive(Deserialize)]
+struct Place {
+    data_offsets: Option<(u64, u64)>,
+}
+
+impl Weights {
+    /// Reads a file that [`Weights::write`] has written.
+    ///
+    /// # Errors
+    /// If it cannot be read, is no such file, or its tensors do not fit its configuration; all that do not are named.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let read = || {
+            let mut bytes = Vec::new();
+            File::open(path)?.take(LARGEST_FILE + 1).read_to_end(&mut bytes)?;
+            Self::from_bytes(&bytes)
+        };
+        read().map_err(|error| Error::File { path: path.to_owned(), source: Box::new(error) })
+    }
+
+    /// What [`Weights::read`] reads, from memory.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        if bytes.len() as u64 > LARGEST_FILE {
+            return Err(Error::TooLarge { limit: LARGEST_FILE });
+        }
+        check_places(bytes)?;
+        let file = SafeTensors::deserialize(bytes)?;
+        let (_, header) = SafeTensors::read_metadata(bytes)?;
+        let description = header.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
+        let description = description.ok_or(Error::NotAHead { key: KEY })?;
+        let Description { config, metadata } = serde_json::from_str(description)
+            .map_err(|source| Error::Description { part: "configuration", source })?;
+        config.check()?;
+        Ok(Self { config, values: values(&file, &config)?, metadata })
+    }
+
+    /// Writes the weights as safetensors: one f32 tensor per parameter under its name, and under `attn-head` in the
+    /// metadata the configuration and [`Weights::metadata`] as JSON. The file appears whole or not at all.
+    ///
+    /// # Errors
+    /// If the weights do not fit their configuration, or the file cannot be written.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
+        let bytes = self.to_bytes()?;
+        Ok(gs_scene::write_atomically(path.as_ref(), |file| file.write_all(&bytes))?)
+    }
+
+    /// What [`Weights::write`] writes, into memory.
+    ///
+    /// # Errors
+    /// If the weights do not fit their configuration.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        self.check()?;
+        let description = Description { config: self.config, metadata: self.metadata.clone() };
+        let description = serde_json::to_string(&description)
+            .map_err(|source| Error::Description { part: "configuration", source })?;
+        let bytes: Vec<u8> = self.values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let views = Layout::new(&self.config).parameters.into_iter().map(|p| {
+            let data = &bytes[4 * p.offset..][..4 * p.len()];
+            Ok((p.name, TensorView::new(Dtype::F32, p.shape, data)?))
+        });
+        let views = views.collect::<Result<Vec<_>>>()?;
+        let metadata = HashMap::from([(KEY.to_owned(), description)]);
+        let bytes = safetensors::serialize(views, Some(metadata))?;
+        if bytes.len() as u64 > LARGEST_FILE {
+            return Err(Error::TooLarge { limit: LARGEST_FILE });
+        }
+        Ok(bytes)
+    }
+}
+
+/// The numbers of all parameters, in their order.
+fn values(file: &SafeTensors<'_>, config: &Config) -> Result<Vec<f32>> {
+    let layout = Layout::new(config);
+    let mut found: BTreeMap<&str, TensorView<'_>> = file.iter().collect();
+    let (mut values, mut problems) = (Vec::new(), Vec::new());
+    for parameter in layout.parameters {
+        let fault = match found.remove(parameter.name.as_str()) {
+            None => WeightFault::Missing,
+            Some(view) if view.dtype() != Dtype::F32 => WeightFault::Type { found: view.dtype() },
+            Some(view) if view.shape() != parameter.shape => {
+                WeightFault::Shape { expected: parameter.shape, found: view.shape().to_vec() }
+            }
+            Some(view) => {
+                let start = values.len();
+                values.extend(view.data().as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)));
+                if values[start..].iter().all(|v| v.is_finite()) {
+                    continue;
+                }
+                WeightFault::NotFinite
+            }
+        };
+        problems.push(WeightProblem { name: parameter.name, fault });
+    }
+    let unexpected = |name: &str| WeightProblem { name: name.to_owned(), fault: WeightFault::Unexpected };
+    problems.extend(found.into_keys().map(unexpected));
+    if problems.is_empty() { Ok(values) } else { Err(Error::Weights { problems }) }
+}
+
+/// That all data which the header lists are there. The library adds up the ends unchecked.
+fn check_places(bytes: &[u8]) -> Result<()> {
+    let Some((length, rest)) = bytes.split_first_chunk() else {
+        return Err(safetensors::SafeTensorError::HeaderTooSmall.into());
+    };
+    let header = usize::try_from(u64::from_le_bytes(*length)).ok().and_then(|length| rest.get(..length));
+    let header = header.ok_or(safetensors::SafeTensorError::InvalidHeaderLength)?;
+    let places: BTreeMap<String, Place> =
+        serde_json::from_slice(header).map_err(|source| Error::Description { part: "header", source })?;
+    let found = (rest.len() - header.len()) as u64;
+    for (name, Place { data_offsets }) in places {
+        if let Some((_, end)) = data_offsets.filter(|(_, end)| *end > found) {
+            return Err(Error::Truncated { name, end, found });
+        }
+    }
+    Ok(())
+}
