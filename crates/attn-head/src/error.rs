@@ -35,6 +35,16 @@ pub enum Error {
         /// That of the tensor given.
         found: Vec<usize>,
     },
+    /// A tensor has another number of dimensions than its use asks for.
+    #[error("{what} has shape {found:?}, expected {expected} dimensions")]
+    Rank {
+        /// Which tensor.
+        what: &'static str,
+        /// Dimensions that are needed.
+        expected: usize,
+        /// Shape of the tensor given.
+        found: Vec<usize>,
+    },
     /// A neighbour that does not exist.
     #[error("anchor {anchor} has neighbour {found}, expected an index below {n}")]
     Neighbour {

@@ -38,7 +38,7 @@ impl TensorInputs {
     pub(super) fn check(&self, config: &Config) -> Result<(usize, usize)> {
         let &[n, k] = self.neighbours.dims() else {
             let found = self.neighbours.dims().to_vec();
-            return Err(Error::Shape { what: "neighbours [n, k]", expected: vec![0; 2], found });
+            return Err(Error::Rank { what: "neighbours", expected: 2, found });
         };
         config.check_neighbours(k)?;
         let shapes = [
