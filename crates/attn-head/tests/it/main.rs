@@ -1,4 +1,7 @@
-//! The public interface.
+//! `case` makes inputs, `oracle` computes the formulas pair by pair; `properties` compares, `gradients` takes central
+//! differences, `golden` has the numbers of another implementation, `hostile` bad inputs, `files` sound and damaged files.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests unwrap as tests do")]
 
 mod case;
 mod files;
