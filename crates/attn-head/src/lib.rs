@@ -4,6 +4,7 @@ mod config;
 mod draw;
 mod error;
 mod file;
+pub mod fused;
 mod head;
 mod inputs;
 mod layout;

@@ -1,0 +1,76 @@
+//! Outputs equal those of the formulas.
+
+use super::cases::{Single, random};
+use super::oracle::Case;
+use attn_head::{OUTPUTS, fused};
+use proptest::prelude::*;
+
+/// Largest error, relative to the root mean square of all outputs.
+fn error(case: &Case) -> f64 {
+    let expected = case.run().out;
+    let single = Single::new(case);
+    let found = fused::forward(&single.config, &single.weights, &single.inputs());
+    assert_eq!(found.len(), expected.len());
+    let size = (expected.iter().map(|v| v * v).sum::<f64>() / expected.len() as f64).sqrt();
+    found.iter().zip(&expected).map(|(f, e)| (f64::from(*f) - e).abs() / size).fold(0.0, |worst, e| {
+        assert!(e.is_finite(), "an output that is no number");
+        f64::max(worst, e)
+    })
+}
+
+#[test]
+fn outputs_are_those_of_the_formulas() {
+    for (n, k, image) in
+        [(1, 0, 5), (1, 3, 64), (2, 1, 1), (47, 20, 64), (48, 4, 32), (49, 0, 64), (131, 7, 21)]
+    {
+        let error = error(&random(n, k, image, 1));
+        assert!(error < 1e-5, "n = {n}, k = {k}: {error:e}");
+    }
+}
+
+#[test]
+fn no_anchors_have_no_outputs() {
+    let single = Single::new(&random(0, 20, 64, 1));
+    assert!(fused::forward(&single.config, &single.weights, &single.inputs()).is_empty());
+}
+
+#[test]
+fn neighbours_may_be_repeated_or_the_anchor_itself() {
+    let mut case = random(30, 6, 8, 2);
+    for (i, list) in case.neighbours.chunks_exact_mut(6).enumerate() {
+        let (first, own) = (list[0], i as u32);
+        list.copy_from_slice(&[first, first, own, own, first, 29 - own]);
+    }
+    assert!(error(&case) < 1e-5, "{:e}", error(&case));
+    case.relative.fill([0.0; 3]);
+    case.neighbours.fill(7);
+    assert!(error(&case) < 1e-5, "{:e}", error(&case));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+    #[test]
+    fn outputs_are_those_of_the_formulas_for_any_shape(
+        n in 1_usize..60, k in 0_usize..9, image in 0_usize..20, seed: u64,
+    ) {
+        let error = error(&random(n, k, image, seed));
+        prop_assert!(error < 1e-5, "{error:e}");
+    }
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bytes() {
+    let single = Single::new(&random(400, 5, 16, 3));
+    let grad: Vec<f32> = (0..400 * OUTPUTS).map(|i| ((i % 17) as f32 - 8.0) / 8.0).collect();
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| {
+            let (out, tape) = fused::forward_recorded(&single.config, &single.weights, &single.inputs());
+            assert_eq!(out, fused::forward(&single.config, &single.weights, &single.inputs()));
+            let g = fused::backward(&single.config, &single.weights, &single.inputs(), &tape, &grad);
+            [out, g.weights, g.geometry, g.image].map(|v| v.into_iter().map(f32::to_bits).collect::<Vec<_>>())
+        })
+    };
+    let one = on(1);
+    assert!(one == on(2) && one == on(3));
+}

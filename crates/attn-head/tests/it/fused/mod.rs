@@ -1,0 +1,7 @@
+//! The fused form.
+
+mod cases;
+mod forward;
+mod gradient;
+mod op;
+mod oracle;

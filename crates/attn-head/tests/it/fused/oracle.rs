@@ -1,0 +1,155 @@
+//! The attention head in f64, anchor by anchor and pair by pair, as its formulas are written.
+
+use attn_head::{Config, HEAD_WIDTH, HEADS, LAYERS, Layout, WIDTH};
+
+/// What `attn_head::Inputs` holds.
+#[derive(Debug, Clone)]
+pub(crate) struct Case {
+    pub(crate) config: Config,
+    pub(crate) n: usize,
+    pub(crate) k: usize,
+    pub(crate) weights: Vec<f64>,
+    pub(crate) geometry: Vec<f64>,
+    pub(crate) image: Vec<f64>,
+    pub(crate) neighbours: Vec<u32>,
+    pub(crate) relative: Vec<[f64; 3]>,
+}
+
+/// Outputs, and the largest logit and the largest feature met on the way.
+#[derive(Debug)]
+pub(crate) struct Outcome {
+    pub(crate) out: Vec<f64>,
+    pub(crate) largest_logit: f64,
+}
+
+impl Case {
+    pub(crate) fn at(&self, name: &str) -> std::ops::Range<usize> {
+        let parameters = Layout::new(&self.config).parameters;
+        let p = parameters.iter().find(|p| p.name == name).expect("a parameter of the head");
+        p.offset..p.offset + p.len()
+    }
+
+    fn linear(&self, name: &str, x: &[f64]) -> Vec<f64> {
+        let weight = &self.weights[self.at(&format!("{name}.weight"))];
+        let bias = &self.weights[self.at(&format!("{name}.bias"))];
+        let row = |o: usize| weight[o * x.len()..][..x.len()].iter().zip(x).map(|(w, x)| w * x).sum::<f64>();
+        bias.iter().enumerate().map(|(o, b)| row(o) + b).collect()
+    }
+
+    fn norm(&self, name: &str, x: &[f64]) -> Vec<f64> {
+        let weight = &self.weights[self.at(&format!("{name}.weight"))];
+        let bias = &self.weights[self.at(&format!("{name}.bias"))];
+        let mean = x.iter().sum::<f64>() / x.len() as f64;
+        let variance = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len() as f64;
+        let scaled = x.iter().map(|v| (v - mean) / (variance + 1e-5).sqrt());
+        scaled.zip(weight).zip(bias).map(|((v, w), b)| v * w + b).collect()
+    }
+
+    fn perceptron(&self, name: &str, x: &[f64], activation: impl Fn(f64) -> f64) -> Vec<f64> {
+        let hidden: Vec<f64> = self.linear(&format!("{name}.0"), x).into_iter().map(activation).collect();
+        self.linear(&format!("{name}.2"), &hidden)
+    }
+
+    /// The head as its definition says.
+    pub(crate) fn run(&self) -> Outcome {
+        let mut largest_logit = 0.0_f64;
+        let part = |values: &[f64], width: usize, i: usize| values[i * width..][..width].to_vec();
+        let mut x: Vec<Vec<f64>> = (0..self.n)
+            .map(|i| {
+                let geometry = part(&self.geometry, self.config.geometry, i);
+                let image = part(&self.image, self.config.image, i);
+                let mut row = self.perceptron("phi_g", &geometry, relu);
+                row.extend(self.perceptron("phi_v", &image, relu));
+                row
+            })
+            .collect();
+        for layer in 0..LAYERS {
+            let name = |part: &str| format!("blocks.{layer}.{part}");
+            let normal: Vec<_> = x.iter().map(|x| self.norm(&name("norm1"), x)).collect();
+            let all = |part: &str| normal.iter().map(|h| self.linear(&name(part), h)).collect::<Vec<_>>();
+            let (query, key, value) = (all("attn.q"), all("attn.k"), all("attn.v"));
+            let step = |i: usize| {
+                let mut pairs = vec![(i, [0.0; 3])];
+                for s in i * self.k..(i + 1) * self.k {
+                    pairs.push((self.neighbours[s] as usize, self.relative[s]));
+                }
+                let delta: Vec<_> =
+                    pairs.iter().map(|(_, r)| self.perceptron(&name("attn.delta"), r, relu)).collect();
+                let (mut mixed, mut largest) = (vec![0.0; WIDTH], 0.0_f64);
+                for c in 0..HEADS {
+                    let dims = c * HEAD_WIDTH..(c + 1) * HEAD_WIDTH;
+                    let logit = |(&(j, _), delta): (&(usize, [f64; 3]), &Vec<f64>)| {
+                        let terms = dims.clone().map(|d| (query[i][d] - key[j][d] + delta[d]) * query[i][d]);
+                        terms.sum::<f64>() / (HEAD_WIDTH as f64).sqrt()
+                    };
+                    let logits: Vec<f64> = pairs.iter().zip(&delta).map(logit).collect();
+                    let most = logits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                    largest = logits.iter().fold(largest, |m, l| m.max(l.abs()));
+                    let weights: Vec<f64> = logits.iter().map(|l| (l - most).exp()).collect();
+                    let sum: f64 = weights.iter().sum();
+                    for ((&(j, _), delta), weight) in pairs.iter().zip(&delta).zip(&weights) {
+                        for d in dims.clone() {
+                            mixed[d] += weight / sum * (value[j][d] + delta[d]);
+                        }
+                    }
+                }
+                let mut y = x[i].clone();
+                add(&mut y, &self.linear(&name("attn.proj"), &mixed));
+                let change = self.perceptron(&name("ffn"), &self.norm(&name("norm2"), &y), gelu);
+                add(&mut y, &change);
+                (y, largest)
+            };
+            let (next, largest): (Vec<_>, Vec<_>) = (0..self.n).map(step).unzip();
+            largest_logit = largest.into_iter().fold(largest_logit, f64::max);
+            x = next;
+        }
+        let out = x.iter().flat_map(|x| self.perceptron("out", &self.norm("norm", x), gelu)).collect();
+        Outcome { out, largest_logit }
+    }
+}
+
+fn add(to: &mut [f64], values: &[f64]) {
+    to.iter_mut().zip(values).for_each(|(t, v)| *t += v);
+}
+
+fn relu(x: f64) -> f64 {
+    x.max(0.0)
+}
+
+/// x Φ(x), of the normal distribution.
+pub(crate) fn gelu(x: f64) -> f64 {
+    x * (1.0 + erf(x / std::f64::consts::SQRT_2)) / 2.0
+}
+
+/// The error function to some 1e-15: its series where that converges well, a continued fraction of its complement
+/// elsewhere.
+fn erf(x: f64) -> f64 {
+    let a = x.abs();
+    let value = if a < 3.0 {
+        // 2/sqrt(π) e^(-a²) Σ 2ⁿ a^(2n+1) / (1 · 3 · … · (2n+1)): all terms are positive.
+        let (mut term, mut sum) = (a, a);
+        for n in 1..120 {
+            term *= 2.0 * a * a / (2 * n + 1) as f64;
+            sum += term;
+        }
+        std::f64::consts::FRAC_2_SQRT_PI * (-a * a).exp() * sum
+    } else {
+        let fraction = (1..80).rev().fold(a, |f, n| a + n as f64 / 2.0 / f);
+        1.0 - (-a * a).exp() / (std::f64::consts::PI.sqrt() * fraction)
+    };
+    value.copysign(x)
+}
+
+#[test]
+fn erf_has_its_known_values() {
+    for (x, expected) in [
+        (0.0, 0.0),
+        (0.5, 0.520_499_877_813_046_5),
+        (-1.0, -0.842_700_792_949_714_9),
+        (2.9, 0.999_958_902_121_901),
+        (3.1, 0.999_988_351_342_633),
+        (6.0, 1.0),
+    ] {
+        assert!((erf(x) - expected).abs() < 2e-14, "erf({x}) = {}", erf(x));
+    }
+}
