@@ -74,8 +74,8 @@ impl Backward<'_> {
                     let kept = kept.zip(sent.chunks_mut(BLOCK));
                     for (block, ((grad, x), ((alphas, logits), rows_sent))) in blocks.zip(kept).enumerate() {
                         let anchors = Anchors { first: range * rows + block * BLOCK, inputs, keys_values };
-                        let sent = Sent { alphas, logits, rows: rows_sent };
-                        layer.backward(anchors, x, grad, sent, &mut sums, &mut work);
+                        let mut sent = Sent { alphas, logits, rows: rows_sent };
+                        layer.backward(anchors, x, grad, &mut sent, &mut sums, &mut work);
                     }
                 },
             );
@@ -139,20 +139,14 @@ impl Backward<'_> {
             let (rows, width) = (range_rows(n), x.width());
             let mut grad_x = vec![0.0; n * width];
             summed(span(self.layout, name), weights, n, |partial| {
-                // Chunks are of one number at least, where there is no feature at all.
-                let ranges = (0..n.div_ceil(rows)).into_par_iter().zip(partial);
-                let parts = split(&mut grad_x, rows * width, n.div_ceil(rows));
-                ranges.zip(parts).for_each(|((range, mut sums), grad_x)| {
-                    let mut work = Workspace::default();
-                    let memory = &mut work;
-                    let end = n.min((range + 1) * rows);
-                    let starts = (range * rows..end).step_by(BLOCK);
-                    for (first, grad_x) in
-                        starts.zip(split(grad_x, BLOCK * width, (end - range * rows).div_ceil(BLOCK)))
-                    {
-                        let here = first..end.min(first + BLOCK);
+                let ranges = grad_x.par_chunks_mut(rows * width).zip(partial);
+                ranges.enumerate().for_each(|(range, (grad_x, mut sums))| {
+                    let Workspace { mut hidden, mut scratch, .. } = Workspace::default();
+                    for (block, grad_x) in grad_x.chunks_mut(BLOCK * width).enumerate() {
+                        let first = range * rows + block * BLOCK;
+                        let here = first..first + grad_x.len() / width;
                         let grad_out = grad.slice(here.clone()).columns(column, WIDTH / 2);
-                        let memory = (&mut memory.hidden, &mut memory.scratch);
+                        let memory = (&mut hidden, &mut scratch);
                         perceptron.backward(x.slice(here), grad_out, grad_x, &mut sums, memory);
                     }
                 });
@@ -161,17 +155,6 @@ impl Backward<'_> {
         });
         (geometry, image)
     }
-}
-
-/// `count` consecutive parts of `size` numbers, the last of them perhaps shorter.
-fn split(mut values: &mut [f32], size: usize, count: usize) -> Vec<&mut [f32]> {
-    let mut parts = Vec::with_capacity(count);
-    for _ in 0..count {
-        let (part, rest) = values.split_at_mut(size.min(values.len()));
-        parts.push(part);
-        values = rest;
-    }
-    parts
 }
 
 /// Gradients of the weights in `span`: `work` fills one zeroed sum for each range of anchors, in any order, and they

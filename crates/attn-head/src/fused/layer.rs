@@ -159,7 +159,7 @@ impl<'a> Layer<'a> {
         anchors: Anchors<'_>,
         x: &[f32],
         grad: &mut [f32],
-        sent: Sent<'_>,
+        sent: &mut Sent<'_>,
         sums: &mut Sums<'_>,
         work: &mut Workspace,
     ) {

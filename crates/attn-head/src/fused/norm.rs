@@ -70,8 +70,8 @@ fn sum(value: impl Fn(usize) -> f64) -> f64 {
     const LANES: usize = 8;
     let mut lanes = [0.0_f64; LANES];
     for i in (0..WIDTH).step_by(LANES) {
-        for l in 0..LANES {
-            lanes[l] += value(i + l);
+        for (l, lane) in lanes.iter_mut().enumerate() {
+            *lane += value(i + l);
         }
     }
     lanes.iter().sum()

