@@ -1,4 +1,34 @@
-//! Inference and gradients of the geo-aware attention head on the CPU.
+//! Inference and gradients of the geo-aware attention head on the CPU, without a row of features for every pair.
+//!
+//! Anchor i with query q looks at j with key k_j and value v_j, by head c of width 32:
+//!
+//! ```text
+//! h_ij     = ReLU(W1 (p_j - p_i) + b1)                         [128], for all heads
+//! d_ij     = W2 h_ij + b2                                      [128], 32 for each head
+//! logit_cj = (q - k_j + d_ij)[c] . q[c] / sqrt(32)
+//! o[c]     = sum over j of alpha_cj (v_j + d_ij)[c],           alpha_c = softmax of logit_c
+//! ```
+//!
+//! Softmax takes no notice of what all logits of an anchor share, |q|² and b2 . q, and the weights add up to 1. So
+//! W2 need not see pairs, only anchors, on both sides of the softmax:
+//!
+//! ```text
+//! u_c      = W2[c]ᵀ q[c] / sqrt(32)                            [128]
+//! logit_cj = u_c . h_ij - k_j[c] . q[c] / sqrt(32)             up to a number that is the same for all j
+//! g_c      = sum over j of alpha_cj h_ij                       [128]
+//! o[c]     = W2[c] g_c + b2[c] + sum over j of alpha_cj v_j[c]
+//! ```
+//!
+//! What is left for a pair is 3 x 128 products for h_ij, which is recomputed wherever it is needed, and 4 x 128 for
+//! each of u and g. All else are products of matrices of blocks of anchors.
+//!
+//! The gradient follows the same path backwards from the features before every layer. What an anchor sends to its
+//! neighbours' keys and values is gathered by the neighbours, in the order of anchors; gradients of weights are summed
+//! over fixed ranges of anchors, then over ranges. Neither depends on the number of threads.
+//!
+//! Memory beyond inputs and outputs: for inference 3 buffers of `[n, 128]` numbers (features, keys, values) and some
+//! 0.5 MB for each thread; for gradients 9 such buffers, 8 numbers and an index for every pair, and for each of up to
+//! 32 ranges the gradients of one layer's weights, 27 MB in all.
 
 mod backward;
 mod gemm;
