@@ -1,15 +1,24 @@
 use crate::plain::{Network, TensorInputs};
-use crate::{Config, Error, Inputs, OUTPUTS, Result, Weights};
+use crate::{Config, Error, Inputs, Kind, OUTPUTS, Result, Weights, fused};
 use candle_core::{DType, Device};
 
 /// Anchors whose pairs are in memory at a time: at K = 20 and f32 some 20 MB per map.
 const CHUNK: usize = 2048;
 
+/// What computes the outputs.
+#[derive(Debug)]
+enum Form {
+    /// [`fused`], the attention's own.
+    Fused,
+    /// [`plain`](crate::plain), in chunks.
+    Plain(Network),
+}
+
 /// A head on the CPU: slices in, slices out.
 #[derive(Debug)]
 pub struct Head {
     weights: Weights,
-    network: Network,
+    form: Form,
 }
 
 impl Head {
@@ -19,8 +28,14 @@ impl Head {
     /// If they do not fit their configuration or are not finite ([`Weights::check`]).
     pub fn new(weights: Weights) -> Result<Self> {
         weights.check()?;
-        let values = weights.to_tensor(DType::F32, &Device::Cpu)?;
-        Ok(Self { network: Network::new(weights.config, &values)?, weights })
+        let form = match weights.config.kind {
+            Kind::Attention => Form::Fused,
+            Kind::Mlp | Kind::EdgeConv | Kind::MaxPool => {
+                let values = weights.to_tensor(DType::F32, &Device::Cpu)?;
+                Form::Plain(Network::new(weights.config, &values)?)
+            }
+        };
+        Ok(Self { weights, form })
     }
 
     /// Its weights.
@@ -41,8 +56,16 @@ impl Head {
     /// # Errors
     /// Those of [`Inputs::check`]; and if finite inputs are so extreme that the outputs are not.
     pub fn run(&self, inputs: &Inputs<'_>) -> Result<Vec<f32>> {
-        let tensors = TensorInputs::new(self.config(), inputs, DType::F32, &Device::Cpu)?;
-        let out = self.network.trace_in_chunks(&tensors, CHUNK)?.out.flatten_all()?.to_vec1::<f32>()?;
+        let out = match &self.form {
+            Form::Fused => {
+                inputs.check(self.config())?;
+                fused::forward(self.config(), &self.weights.values, inputs)
+            }
+            Form::Plain(network) => {
+                let tensors = TensorInputs::new(self.config(), inputs, DType::F32, &Device::Cpu)?;
+                network.trace_in_chunks(&tensors, CHUNK)?.out.flatten_all()?.to_vec1()?
+            }
+        };
         match out.iter().position(|v| !v.is_finite()) {
             Some(at) => Err(Error::OutputNotFinite { anchor: at / OUTPUTS }),
             None => Ok(out),

@@ -2,7 +2,7 @@
 //! fixtures/attn-head/README.md.
 
 use attn_head::plain::{Network, TensorInputs};
-use attn_head::{Config, Head, Inputs, Kind, OUTPUTS, Weights};
+use attn_head::{Config, Head, Inputs, Kind, OUTPUTS, Weights, fused};
 use candle_core::{DType, Device, Tensor, Var};
 use safetensors::{Dtype, SafeTensors};
 
@@ -139,7 +139,8 @@ impl Golden {
         Ok(Deviation { by, name: name.clone(), absolute, rms, largest: absolute / size })
     }
 
-    /// Compares every map and gradient of the plain form with the file, and the outputs of [`Head`].
+    /// Compares every map and gradient of the plain form with the file, the outputs of [`Head`], and the outputs and
+    /// gradients of the fused form.
     pub(crate) fn compare(&self) -> Result<Vec<Deviation>, Failure> {
         let mut deviations = self.compare_plain()?;
         let relative = self.relative()?;
@@ -153,6 +154,12 @@ impl Golden {
         };
         let out = Head::new(self.weights.clone())?.run(&inputs)?;
         deviations.push(self.judge("head", "out", &out)?);
+        let (config, weights) = (&self.weights.config, &self.weights.values);
+        let (out, tape) = fused::forward_recorded(config, weights, &inputs);
+        deviations.push(self.judge("fused", "out", &out)?);
+        let gradients = fused::backward(config, weights, &inputs, &tape, &self.loss_weight);
+        deviations.push(self.judge("fused", "grad_geometry", &gradients.geometry)?);
+        deviations.push(self.judge("fused", "grad_image", &gradients.image)?);
         Ok(deviations)
     }
 
