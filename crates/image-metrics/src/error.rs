@@ -72,6 +72,79 @@ pub enum Error {
         /// Length of the slice.
         found: usize,
     },
+    /// Features of a picture are beyond the range of f32: its weights, or the picture, are extreme.
+    #[cfg(feature = "lpips")]
+    #[error("the network's features are not finite: its weights or the picture are extreme")]
+    FeaturesOverflow,
+    /// A file of weights cannot be read, or is none.
+    #[cfg(feature = "lpips")]
+    #[error("weights {}: cannot be read as a file of PyTorch or safetensors: {reason}", path.display())]
+    WeightsUnreadable {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// A file of PyTorch without tensors by name.
+    #[cfg(feature = "lpips")]
+    #[error("weights {}: holds no state dictionary, expected tensors by name", path.display())]
+    WeightsNone {
+        /// The file.
+        path: std::path::PathBuf,
+    },
+    /// A tensor of whole numbers.
+    #[cfg(feature = "lpips")]
+    #[error("weights {}: tensor {name} is of another type, expected floating-point numbers", path.display())]
+    WeightsType {
+        /// The file.
+        path: std::path::PathBuf,
+        /// The tensor.
+        name: String,
+    },
+    /// The files hold tensors, but none of the networks.
+    #[cfg(feature = "lpips")]
+    #[error(
+        "weights {}: their {found} tensors are none of VGG16, AlexNet and SqueezeNet 1.1, which features.0.weight tells: \
+        give the network's file and that of the linear layers",
+        listed(paths)
+    )]
+    WeightsUnknown {
+        /// The files.
+        paths: Vec<std::path::PathBuf>,
+        /// Number of tensors.
+        found: usize,
+    },
+    /// Tensors of the weights are missing, unexpected, misshapen or not finite.
+    #[cfg(feature = "lpips")]
+    #[error(
+        "weights {} do not make LPIPS with {network}, the network's file and that of its linear layers: {}",
+        listed(paths),
+        first_few(problems)
+    )]
+    Weights {
+        /// The files.
+        paths: Vec<std::path::PathBuf>,
+        /// The network that its shapes tell.
+        network: crate::LpipsNetwork,
+        /// All that does not fit.
+        problems: Vec<crate::WeightProblem>,
+    },
+}
+
+#[cfg(feature = "lpips")]
+fn listed(paths: &[std::path::PathBuf]) -> String {
+    paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+}
+
+/// The first problems, and how many more there are.
+#[cfg(feature = "lpips")]
+fn first_few(problems: &[crate::WeightProblem]) -> String {
+    const SHOWN: usize = 5;
+    let mut text = problems.iter().take(SHOWN).map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    if problems.len() > SHOWN {
+        text += &format!("; and {} more", problems.len() - SHOWN);
+    }
+    text
 }
 
 /// The result of this crate's operations.

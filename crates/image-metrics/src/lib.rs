@@ -2,9 +2,13 @@
 
 mod check;
 mod error;
+#[cfg(feature = "lpips")]
+mod lpips;
 mod psnr;
 mod ssim;
 
 pub use error::{Error, Result};
+#[cfg(feature = "lpips")]
+pub use lpips::{Lpips, LpipsNetwork, LpipsTarget, WeightFault, WeightProblem};
 pub use psnr::{psnr, psnr_rgb};
 pub use ssim::{SSIM_WINDOW, SsimScratch, SsimTarget, ssim, ssim_rgb};

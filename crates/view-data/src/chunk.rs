@@ -5,13 +5,13 @@ mod rule;
 pub use rule::ChunkRule;
 
 use crate::camera_row::{COLUMNS, read_row};
-use crate::pickle::{Dtype, Tensor, TorchFile, Value};
 use crate::scene_list::{SceneEntry, SceneList};
 use crate::{Dataset, Dropped, Error, Format, Frame, ImageSource, Result, Scenes};
 use ChunkRule as Rule;
 pub(crate) use rule::is_name;
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
+use torch_file::{Dtype, Tensor, TorchFile, Value};
 
 /// Opens every scene of `path`, see [`list_chunks`]; a scene that breaks a rule is listed as dropped. For a large data
 /// set, list the scenes and open them one by one.
@@ -135,7 +135,7 @@ impl Chunk {
         let torch = TorchFile::open(path)?;
         let broken =
             |place: &str, rule| Error::Chunk { path: path.to_path_buf(), place: place.to_owned(), rule };
-        let pickle = &torch.pickle;
+        let pickle = torch.pickle();
         let root = pickle.root();
         let items = pickle.items(root);
         let items = items.ok_or_else(|| broken("", Rule::NotScenes { found: root.type_name() }))?;
@@ -223,7 +223,7 @@ const SHORTEST_PICTURE: u64 = 67;
 const MAX_URL: usize = 2048;
 
 fn scene_name(torch: &TorchFile, scene: Value) -> std::result::Result<&str, Rule> {
-    let pickle = &torch.pickle;
+    let pickle = torch.pickle();
     if !pickle.is_dict(scene) {
         return Err(Rule::Type { what: "the scene", expected: "dict", found: scene.type_name() });
     }
@@ -245,7 +245,7 @@ struct Parts {
 
 impl Parts {
     fn new(torch: &TorchFile, scene: Value) -> std::result::Result<Self, Rule> {
-        let pickle = &torch.pickle;
+        let pickle = torch.pickle();
         let key = |key| pickle.get(scene, key).ok_or(Rule::MissingKey { key });
         let tensor = |what, value: Value, expected, types: &[Dtype]| {
             let tensor = pickle.tensor(value).filter(|tensor| types.contains(&tensor.dtype()));

@@ -381,3 +381,12 @@ fn place(frame: Option<&str>) -> String {
 
 /// This crate's result.
 pub type Result<T> = std::result::Result<T, Error>;
+
+impl From<torch_file::Error> for Error {
+    fn from(error: torch_file::Error) -> Self {
+        match error {
+            torch_file::Error::Read { path, source } => Self::Read { path, source },
+            torch_file::Error::Torch { path, rule } => Self::Torch { path, rule },
+        }
+    }
+}

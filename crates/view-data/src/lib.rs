@@ -14,7 +14,6 @@ mod colmap;
 mod dl3dv;
 mod nerfstudio;
 mod open;
-mod pickle;
 mod ply;
 mod re10k;
 mod replica;
@@ -50,7 +49,6 @@ pub use gs_scene::{Distortion, Lens, LensModel};
 pub use index::{EvaluationIndex, IndexRule, Window, read_index, write_index};
 pub use nerfstudio::open_nerfstudio;
 pub use open::{Scenes, open, open_all};
-pub use pickle::TorchRule;
 pub use points::{Observation, ScenePoint};
 pub use re10k::{Re10kRule, list_re10k, open_re10k};
 pub use replica::open_replica;
@@ -68,3 +66,4 @@ pub use check::{
     Finding, LayoutSummary, LensSummary, OverlapSummary, PictureSummary, PoseSummary, RangeSource,
     RangeSummary, Reading, ReadingScore, Severity, SizeCount, Thumbnail, check_data, layout_html,
 };
+pub use torch_file::TorchRule;

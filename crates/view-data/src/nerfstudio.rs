@@ -169,7 +169,7 @@ fn read_lens(keys: &Keys, shared: &Keys, image: &ImageSource) -> Result<Lens> {
     // A value of the frame overrides the file's; where it stands decides whom the error names.
     let source = |key| if keys.has(key) { keys } else { shared };
     let number = |key| source(key).number(key);
-    let coefficient = |key| Ok(number(key)?.unwrap_or(0.0));
+    let coefficient = |key| -> Result<f64> { Ok(number(key)?.unwrap_or(0.0)) };
 
     let model = source("camera_model").text("camera_model")?;
     if let Some(model) = model.filter(|model| !MODELS.contains(model)) {
@@ -212,7 +212,8 @@ fn read_lens(keys: &Keys, shared: &Keys, image: &ImageSource) -> Result<Lens> {
         source(key).require(inside, key, angle, "an angle between 0 and π, in radians")?;
         Ok(Some(side as f64 * 0.5 / (angle * 0.5).tan()))
     };
-    let given = |key, angle_key, side| Ok(number(key)?.or(from_angle(angle_key, side)?));
+    let given =
+        |key, angle_key, side| -> Result<Option<f64>> { Ok(number(key)?.or(from_angle(angle_key, side)?)) };
     let fx: Option<f64> = given("fl_x", "camera_angle_x", width)?;
     let fx = fx.ok_or_else(|| keys.broken(Rule::NoFocal))?;
     let fy: Option<f64> = given("fl_y", "camera_angle_y", height)?;

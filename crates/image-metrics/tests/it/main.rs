@@ -2,6 +2,10 @@
 
 mod golden;
 mod loss;
+#[cfg(feature = "lpips")]
+mod lpips;
+#[cfg(feature = "lpips")]
+mod recipe;
 
 use gs_scene::Image;
 use image_metrics::{Error, psnr, ssim};

@@ -21,13 +21,21 @@ pub(crate) fn ledger(scenes: &Scenes) -> Vec<String> {
 
 #[test]
 fn what_pytorch_wrote_is_what_was_put_in() {
-    let scenes = open_chunks(&fixtures()).unwrap();
+    assert_are_as_expected(&open_chunks(&fixtures()).unwrap(), &["aa01", "bb02", "cc03"]);
+}
+
+#[test]
+fn the_format_before_version_1_6_is_read_too() {
+    assert_are_as_expected(&open_chunks(&fixtures().join("legacy.pt")).unwrap(), &["bb02"]);
+}
+
+fn assert_are_as_expected(scenes: &Scenes, names: &[&str]) {
     let expected: Value =
         serde_json::from_slice(&std::fs::read(fixtures().join("expected.json")).unwrap()).unwrap();
     let expected = expected["scenes"].as_object().unwrap();
-    let names: Vec<_> = scenes.scenes.iter().map(|scene| &scene.name).collect();
-    assert_eq!(names, expected.keys().collect::<Vec<_>>());
-    for (scene, expected) in scenes.scenes.iter().zip(expected.values()) {
+    assert_eq!(scenes.scenes.iter().map(|scene| &scene.name).collect::<Vec<_>>(), names);
+    for scene in &scenes.scenes {
+        let expected = &expected[&scene.name];
         assert_eq!(scene.url.as_deref(), expected["url"].as_str());
         let list = |key| expected[key].as_array().unwrap();
         assert_eq!(scene.frames.len(), list("images").len());

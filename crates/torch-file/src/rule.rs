@@ -1,12 +1,16 @@
 //! What can be wrong with a file of `torch.save`.
 
-/// The rules of a file of `torch.save` that can be broken. Positions count bytes of its `data.pkl`.
+/// The rules of a file of `torch.save` that can be broken. Positions count bytes of its `data.pkl`, or of the file where that
+/// is of PyTorch before 1.6.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TorchRule {
-    /// PyTorch's format before 1.6, which is no ZIP archive.
-    #[error("written in PyTorch's format from before version 1.6; load it there and torch.save it again")]
-    Legacy,
+    /// Another version of PyTorch's format before 1.6 than the last.
+    #[error("written in PyTorch's format from before version 1.6, of another version than 1001")]
+    LegacyVersion,
+    /// In PyTorch's format before 1.6, the list of storages is none, or does not agree with the tensors.
+    #[error("the list of storages does not agree with the storages of the tensors")]
+    LegacyKeys,
     /// The file is not a whole ZIP archive.
     #[error("not a whole ZIP archive, as torch.save writes it: {reason}")]
     Archive {
@@ -62,13 +66,13 @@ pub enum TorchRule {
         found: String,
     },
     /// A pickle beyond the limit.
-    #[error("data.pkl has {found} bytes, expected at most {}", super::MAX_PICKLE)]
+    #[error("the pickle has {found} bytes, expected at most {}", crate::pickle::MAX_PICKLE)]
     PickleSize {
         /// Its bytes.
         found: u64,
     },
     /// The pickle ends before its STOP, or in the middle of an opcode.
-    #[error("data.pkl ends at byte {at}, in the middle of its program")]
+    #[error("the pickle ends at byte {at}, in the middle of its program")]
     Truncated {
         /// Where.
         at: usize,
@@ -162,7 +166,7 @@ pub enum TorchRule {
         found: u64,
     },
     /// A tensor with more dimensions than are read.
-    #[error("tensor at byte {at} has {found} dimensions, expected at most {}", super::MAX_DIMENSIONS)]
+    #[error("tensor at byte {at} has {found} dimensions, expected at most {}", crate::pickle::MAX_DIMENSIONS)]
     Dimensions {
         /// Where.
         at: usize,

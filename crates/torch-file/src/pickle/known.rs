@@ -1,8 +1,8 @@
 //! What a pickle of `torch.save` may name, call and refer to. No name is looked up anywhere but here.
 
-use super::TorchRule as Rule;
 use super::machine::{Machine, Result};
 use super::value::{Dtype, Global, Span, Storage, Tensor, Value};
+use crate::TorchRule as Rule;
 
 impl Machine {
     /// GLOBAL and STACK_GLOBAL: a class or function by module and name.
@@ -10,7 +10,8 @@ impl Machine {
         let text = |span: Span| String::from_utf8_lossy(&self.pools.bytes[span.range()]);
         let (module, name) = (text(module), text(name));
         let global = match (module.as_ref(), name.as_ref()) {
-            ("torch._utils", "_rebuild_tensor_v2") => Global::RebuildTensor,
+            ("torch._utils", "_rebuild_tensor" | "_rebuild_tensor_v2") => Global::RebuildTensor,
+            ("torch._utils", "_rebuild_parameter") => Global::RebuildParameter,
             ("collections", "OrderedDict") => Global::OrderedDict,
             ("torch", "ByteStorage") => Global::Storage(Dtype::U8),
             ("torch", "LongStorage") => Global::Storage(Dtype::I64),
@@ -35,7 +36,11 @@ impl Machine {
         let result = match function {
             Value::Global(Global::RebuildTensor) => self.tensor(at, arguments)?,
             Value::Global(Global::OrderedDict) if arguments.length == 0 => self.new_dict(),
-            Value::Global(Global::OrderedDict) => return Err(Rule::Call { at, what: "OrderedDict" }),
+            Value::Global(Global::OrderedDict) => self.dict_of_pairs(at, arguments)?,
+            Value::Global(Global::RebuildParameter) => match self.pools.tuples[arguments.range()] {
+                [tensor @ Value::Tensor(_), _, _] => tensor,
+                _ => return Err(Rule::Call { at, what: "_rebuild_parameter" }),
+            },
             other => {
                 return Err(Rule::Operand {
                     at,
@@ -48,11 +53,38 @@ impl Machine {
         Ok(())
     }
 
-    /// `_rebuild_tensor_v2(storage, offset, size, stride, requires_grad, hooks)`; newer files add metadata.
+    /// `OrderedDict([[key, value], …])`, as Python 2 wrote it.
+    fn dict_of_pairs(&mut self, at: usize, arguments: Span) -> Result<Value> {
+        let wrong = Rule::Call { at, what: "OrderedDict" };
+        let [Value::List(list)] = self.pools.tuples[arguments.range()] else { return Err(wrong) };
+        // The list is given up for it, or one that is referred to often would be stored as often.
+        let list = std::mem::take(&mut self.pools.lists[list as usize]);
+        let pairs = list.into_iter().map(|pair| match self.pools.items(pair) {
+            Some(&[key, value]) => Some((key, value)),
+            _ => None,
+        });
+        let pairs = pairs.collect::<Option<Vec<_>>>().ok_or(wrong)?;
+        self.pools.dicts.push(pairs);
+        Ok(Value::Dict(self.pools.dicts.len() as u32 - 1))
+    }
+
+    /// BUILD: attributes of an object. Those that state dictionaries have (`_metadata`) are of no account.
+    pub(super) fn attributes(&mut self, at: usize) -> Result<()> {
+        match (self.pop(at)?, self.top(at)?) {
+            (Value::Dict(_), Value::Dict(_)) => Ok(()),
+            (Value::Dict(_), other) | (other, _) => {
+                Err(Rule::Operand { at, expected: "dict", found: other.type_name() })
+            }
+        }
+    }
+
+    /// `_rebuild_tensor_v2(storage, offset, size, stride, requires_grad, hooks)`; newer files add metadata, and
+    /// `_rebuild_tensor` of the oldest ends with the stride.
     fn tensor(&mut self, at: usize, arguments: Span) -> Result<Value> {
         let wrong = Rule::Call { at, what: "_rebuild_tensor_v2" };
         let (storage, offset, sizes, strides) = match self.pools.tuples[arguments.range()] {
-            [
+            [Value::Storage(storage), Value::Int(offset), Value::Tuple(sizes), Value::Tuple(strides)]
+            | [
                 Value::Storage(storage),
                 Value::Int(offset),
                 Value::Tuple(sizes),
@@ -108,15 +140,21 @@ impl Machine {
         Ok(Value::Tensor(self.pools.tensors.len() as u32 - 1))
     }
 
-    /// BINPERSID of `("storage", type, key, location, elements)`. Where the tensor lived (`cpu`, `cuda:0`) is of no
-    /// account.
+    /// BINPERSID of `("storage", type, key, location, elements)`, and before 1.6 a view of it, which is always none.
+    /// Where the tensor lived (`cpu`, `cuda:0`) is of no account.
     pub(super) fn persistent(&mut self, at: usize) -> Result<()> {
         let wrong = Rule::Call { at, what: "a storage" };
         let Value::Tuple(id) = self.pop(at)? else { return Err(wrong) };
         let (kind, dtype, key, elements) = match self.pools.tuples[id.range()] {
-            [kind, Value::Global(Global::Storage(dtype)), Value::Text(key), _, Value::Int(elements)] => {
-                (kind, dtype, key, elements)
-            }
+            [kind, Value::Global(Global::Storage(dtype)), Value::Text(key), _, Value::Int(elements)]
+            | [
+                kind,
+                Value::Global(Global::Storage(dtype)),
+                Value::Text(key),
+                _,
+                Value::Int(elements),
+                Value::None,
+            ] => (kind, dtype, key, elements),
             _ => return Err(wrong),
         };
         let (Some("storage"), Ok(elements)) = (self.pools.text(kind), u64::try_from(elements)) else {

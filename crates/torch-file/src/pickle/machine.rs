@@ -1,17 +1,17 @@
 //! The stack machine of Python's pickle, protocols 2 to 5, as far as `torch.save` uses it. It builds plain values and
-//! executes nothing: a call is accepted for two functions whose results are known beforehand.
+//! executes nothing: a call is accepted for a few functions whose results are known beforehand.
 //!
 //! Every opcode adds at most one value, and no length of the file is trusted before that many bytes have been seen,
 //! so memory is bounded by the pickle's length. Nothing recurses.
 
-use super::TorchRule as Rule;
 use super::value::{Pickle, Span, Value};
+use crate::TorchRule as Rule;
 use std::collections::HashMap;
 
 pub(super) type Result<T> = std::result::Result<T, Rule>;
 
-/// Runs a pickle to its STOP.
-pub(super) fn run(bytes: Vec<u8>) -> Result<Pickle> {
+/// Runs the pickle that starts at byte `at` to its STOP; what it builds, and where it ends.
+pub(crate) fn run(bytes: Vec<u8>, at: usize) -> Result<(Pickle, usize)> {
     let pools = Pickle {
         bytes,
         tuples: Vec::new(),
@@ -21,9 +21,9 @@ pub(super) fn run(bytes: Vec<u8>) -> Result<Pickle> {
         tensors: Vec::new(),
         root: Value::None,
     };
-    let mut machine = Machine { pools, at: 0, stack: Vec::new(), marks: Vec::new(), memo: HashMap::new() };
+    let mut machine = Machine { pools, at, stack: Vec::new(), marks: Vec::new(), memo: HashMap::new() };
     while machine.step()? {}
-    Ok(machine.pools)
+    Ok((machine.pools, machine.at))
 }
 
 pub(super) struct Machine {
@@ -88,7 +88,12 @@ impl Machine {
                 let number = f64::from_be_bytes(self.array()?);
                 self.stack.push(Value::Float(number));
             }
-            b'X' => {
+            // Text of Python 2, with a length of one byte or four.
+            b'U' => {
+                let [length] = self.array()?;
+                self.text(at, length.into())?;
+            }
+            b'T' | b'X' => {
                 let length = u32::from_le_bytes(self.array()?);
                 self.text(at, length.into())?;
             }
@@ -151,6 +156,7 @@ impl Machine {
                 self.global(module, name)?;
             }
             b'R' => self.call(at)?,
+            b'b' => self.attributes(at)?,
             b'Q' => self.persistent(at)?,
             _ => return Err(Rule::Opcode { at, opcode }),
         }
@@ -165,7 +171,7 @@ impl Machine {
             return Err(Rule::Truncated { at: self.pools.bytes.len() });
         };
         self.at = end;
-        // A pickle is shorter than `MAX_PICKLE`.
+        // No more than `MAX_PICKLE` bytes are read.
         Ok(Span { start: start as u32, length: (end - start) as u32 })
     }
 
@@ -213,7 +219,7 @@ impl Machine {
         self.marks.last().copied().unwrap_or(0)
     }
 
-    fn top(&self, at: usize) -> Result<Value> {
+    pub(super) fn top(&self, at: usize) -> Result<Value> {
         self.stack[self.floor()..].last().copied().ok_or(Rule::Stack { at })
     }
 
