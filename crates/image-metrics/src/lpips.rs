@@ -7,8 +7,6 @@ mod maps;
 mod network;
 mod pool;
 mod source;
-#[cfg(test)]
-mod tests;
 mod weights;
 
 pub use architecture::LpipsNetwork;

@@ -27,8 +27,7 @@ pub(super) fn distance(features: &Maps, target: &[f32], weights: &[f32]) -> f64 
     let chunks = features.values.par_chunks(size).zip(target.par_chunks(size));
     let sums: Vec<f64> = chunks
         .map(|(features, target)| {
-            let pixels =
-                features.chunks_exact(weights.len()).zip(target.chunks_exact(weights.len()));
+            let pixels = features.chunks_exact(weights.len()).zip(target.chunks_exact(weights.len()));
             pixels.map(|(features, target)| pixel_distance(features, target, weights)).sum()
         })
         .collect();
@@ -74,9 +73,8 @@ fn pixel_gradient(features: &[f32], target: &[f32], weights: &[f32], scale: f64,
         return;
     }
     let s = r + EPSILON;
-    let by_normalized = |c: usize| {
-        scale * f64::from(weights[c]) * (f64::from(features[c]) / s - f64::from(target[c]))
-    };
+    let by_normalized =
+        |c: usize| scale * f64::from(weights[c]) * (f64::from(features[c]) / s - f64::from(target[c]));
     let dot: f64 = (0..features.len()).map(|c| by_normalized(c) * f64::from(features[c])).sum();
     let along = dot / (s * s * r);
     for (c, out) in out.iter_mut().enumerate() {

@@ -68,9 +68,17 @@ mod tests {
 
     #[test]
     fn windows_are_whole_or_cut_and_the_first_of_equals_counts() {
-        let x = Maps { values: vec![1., 5., 2., 5., 0., 0., 7., 3., 4., 4., 4., 9.], height: 3, width: 4, channels: 1 };
+        let x = Maps {
+            values: vec![1., 5., 2., 5., 0., 0., 7., 3., 4., 4., 4., 9.],
+            height: 3,
+            width: 4,
+            channels: 1,
+        };
         let pool = |is_partial| Pool { side: 3, stride: 2, is_partial };
-        assert_eq!((pool(false).steps(4), pool(true).steps(4), pool(true).steps(3)), (Some(1), Some(2), Some(1)));
+        assert_eq!(
+            (pool(false).steps(4), pool(true).steps(4), pool(true).steps(3)),
+            (Some(1), Some(2), Some(1))
+        );
         assert_eq!((pool(true).steps(1), pool(false).steps(2), pool(true).steps(2)), (None, None, Some(1)));
         let (y, places) = pool(true).apply(&x, 1, 2);
         assert_eq!((y.values.as_slice(), places.as_slice()), (&[7.0, 9.0][..], &[5, 7][..]));
@@ -79,6 +87,9 @@ mod tests {
         let equal = Pool { side: 2, stride: 2, is_partial: false }.apply(&x, 1, 2);
         assert_eq!((equal.0.values.as_slice(), equal.1.as_slice()), (&[5.0, 7.0][..], &[1, 2][..]));
         let halves = Pool { side: 2, stride: 2, is_partial: false };
-        assert_eq!(halves.apply(&Maps { values: vec![3.0; 4], height: 2, width: 2, channels: 1 }, 1, 1).1, [0]);
+        assert_eq!(
+            halves.apply(&Maps { values: vec![3.0; 4], height: 2, width: 2, channels: 1 }, 1, 1).1,
+            [0]
+        );
     }
 }

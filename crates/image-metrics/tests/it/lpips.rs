@@ -20,7 +20,7 @@ fn figures_and_gradients_equal_those_of_pytorch() {
 fn picture(width: usize, height: usize, seed: usize) -> Image {
     let value =
         |i: usize| 0.5 + 0.3 * ((i / 3) as f32 / 50.0).sin() + ((i * i + seed * i) % 997) as f32 / 9970.0;
-    Image::new(width, height, (0..width * height * 3).map(value).collect()).unwrap()
+    Image::new(width, height, (0..width * height * 3).map(value).collect()).expect("a picture")
 }
 
 #[test]
@@ -88,7 +88,7 @@ fn squeezenet() -> Tensors {
 }
 
 fn read(files: &[&Tensors]) -> Result<Lpips, Error> {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a folder");
     let paths: Vec<PathBuf> =
         (0..files.len()).map(|i| folder.path().join(format!("{i}.safetensors"))).collect();
     paths.iter().zip(files).for_each(|(path, tensors)| write(path, tensors));
@@ -104,7 +104,7 @@ fn weights_may_have_the_names_of_torchvision_and_lie_in_two_files() {
     for (name, shape, values) in whole {
         match name.strip_prefix("net.slice") {
             Some(rest) => {
-                network.push((format!("features.{}", rest.split_once('.').unwrap().1), shape, values))
+                network.push((format!("features.{}", rest.split_once('.').unwrap().1), shape, values));
             }
             None => linear.push((name, shape, values)),
         }

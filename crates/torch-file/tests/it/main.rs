@@ -105,7 +105,7 @@ fn rules_of_the_old_format_are_named() {
     // A pair of three, and a list that a second dictionary asks for again.
     assert_eq!(
         rule(b"\x80\x02\x8a\x0al\xfc\x9cF\xf9 j\xa8P\x19.\x80\x02M\xe9\x03.\x80\x02}(U\x0dlittle_endian\x88u.\x80\x02ccollections\nOrderedDict\n](](K\x01K\x02K\x03ee\x85R."),
-        TorchRule::Call { at: 106, what: "OrderedDict" }
+        TorchRule::Call { at: 83, what: "OrderedDict" }
     );
 }
 
