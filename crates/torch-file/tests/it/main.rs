@@ -9,8 +9,11 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/torch-file").join(name)
 }
 
-/// Name, shape and values of every tensor.
-fn tensors(path: &Path) -> torch_file::Result<Vec<(String, Vec<u64>, Vec<f64>)>> {
+/// Name, shape and values.
+type Found = (String, Vec<u64>, Vec<f64>);
+
+/// Every tensor of a file.
+fn tensors(path: &Path) -> torch_file::Result<Vec<Found>> {
     let mut file = TorchFile::open(path)?;
     let state = file.state().unwrap_or_default();
     let state: Vec<_> = state.into_iter().map(|(name, tensor)| (name.to_owned(), tensor)).collect();
@@ -65,8 +68,8 @@ fn numbers_have_their_type_and_place() {
 
 /// The rule that a file of these bytes breaks.
 fn rule(bytes: &[u8]) -> TorchRule {
-    let file = tempfile::NamedTempFile::new().unwrap();
-    std::fs::write(file.path(), bytes).unwrap();
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    std::fs::write(file.path(), bytes).expect("written");
     match tensors(file.path()) {
         Err(Error::Torch { rule, .. }) => rule,
         other => panic!("expected a broken rule, found {other:?}"),
