@@ -1,6 +1,6 @@
 //! Which windows there are, and how each is loaded.
 
-use crate::simulated::{SimulatedScene, simulated_window};
+use crate::simulated::{SimulatedScene, description, simulated_window};
 use crate::{Dropped, Error, Result, Window};
 use serde::Serialize;
 use sparsesplat::DepthRange;
@@ -277,6 +277,15 @@ impl Plan {
         match &self.source {
             Source::Simulated { .. } => asked,
             Source::Photographs(photographs) => photographs.hint.unwrap_or(asked),
+        }
+    }
+
+    /// Everything that decides what the views of a simulated scene look like, as text; for caches.
+    #[must_use]
+    pub fn description(&self) -> Option<String> {
+        match &self.source {
+            Source::Simulated { scene, size } => Some(description(*scene, *size)),
+            Source::Photographs(_) => None,
         }
     }
 

@@ -60,6 +60,15 @@ pub fn simulated_window(scene: SimulatedScene, size: (usize, usize)) -> Result<W
     Ok(window)
 }
 
+/// Everything that decides what the views look like, as text.
+pub(crate) fn description(scene: SimulatedScene, (width, height): (usize, usize)) -> String {
+    let described = match scene {
+        SimulatedScene::Courtyard => demo_scene(),
+        SimulatedScene::Generated(kind, seed) => generate(kind, seed),
+    };
+    format!("{scene} {width}x{height} frames {FRAMES} samples {SAMPLES} seed {SEED}\n{}", described.to_ron())
+}
+
 fn courtyard(size: (usize, usize)) -> Result<Vec<View>> {
     let scene = Traced::new(&demo_scene())?;
     let (context, targets) = demo_cameras(size.0, size.1)?;

@@ -122,6 +122,22 @@ impl Gaussians {
         self.sh.extend_from_slice(&other.sh);
     }
 
+    /// The same Gaussians with SH coefficients up to `degree`, new ones 0; as they are if they have that many.
+    ///
+    /// # Errors
+    /// If the degree is above 3.
+    pub fn with_sh_degree(self, degree: usize) -> Result<Self> {
+        if degree <= self.sh_degree {
+            return Ok(self);
+        }
+        let (from, to) = (sh_coefficients(self.sh_degree) * 3, sh_coefficients(degree) * 3);
+        let mut sh = vec![0.0; self.len() * to];
+        for (new, old) in sh.chunks_exact_mut(to).zip(self.sh.chunks_exact(from)) {
+            new[..from].copy_from_slice(old);
+        }
+        Self::new(degree, self.geometry, sh)
+    }
+
     /// Number of Gaussians.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -60,6 +60,7 @@ pub struct FeatureMap {
     width: usize,
     height: usize,
     data: Vec<f32>,
+    schema: String,
 }
 
 impl FeatureMap {
@@ -73,7 +74,20 @@ impl FeatureMap {
         if data.len() != expected {
             return Err(Error::Length { what: "feature map", expected, found: data.len() });
         }
-        Ok(Self { channels, width, height, data })
+        Ok(Self { channels, width, height, data, schema: String::new() })
+    }
+
+    /// The same map under the name of its schema: what its channels hold, and which code or weights made them. A head
+    /// works with features of the schema that it was trained on.
+    #[must_use]
+    pub fn with_schema(self, schema: impl Into<String>) -> Self {
+        Self { schema: schema.into(), ..self }
+    }
+
+    /// Name of the schema; empty if it was not said.
+    #[must_use]
+    pub fn schema(&self) -> &str {
+        &self.schema
     }
 
     /// Number of channels.

@@ -150,7 +150,7 @@ impl<'a> Work<'a> {
         config: &'a Config,
         rasterizer: &mut Rasterizer,
     ) -> Result<Self> {
-        let gaussians = with_sh_degree(gaussians, config.sh_degree);
+        let gaussians = gaussians.with_sh_degree(config.sh_degree).expect("degree checked");
         let whole = RenderSettings::default().eps2d;
         let mut objective = Objective::new(&gaussians, views, config.loss, whole)?;
         let coarse =
@@ -283,19 +283,6 @@ fn add(sum: &mut [f32], more: &[f32]) {
 /// Whether Adam can take these derivatives; NaN fails the comparison.
 fn is_sound(gradients: &[f32]) -> bool {
     gradients.par_chunks(1 << 14).all(|chunk| chunk.iter().all(|g| g.abs() <= LARGEST_GRADIENT))
-}
-
-/// The scene with coefficients up to `degree`, the new ones 0.
-fn with_sh_degree(gaussians: Gaussians, degree: usize) -> Gaussians {
-    if degree <= gaussians.sh_degree() {
-        return gaussians;
-    }
-    let (from, to) = (sh_coefficients(gaussians.sh_degree()) * 3, sh_coefficients(degree) * 3);
-    let mut sh = vec![0f32; gaussians.len() * to];
-    for (new, old) in sh.chunks_exact_mut(to).zip(gaussians.sh().chunks_exact(from)) {
-        new[..from].copy_from_slice(old);
-    }
-    Gaussians::new(degree, gaussians.geometry().to_vec(), sh).expect("degree checked, lengths as computed")
 }
 
 /// The scene without what cannot be seen in any view: too transparent to be drawn, or not finite.

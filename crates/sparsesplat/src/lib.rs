@@ -4,7 +4,11 @@ mod config;
 mod error;
 mod prediction;
 
+mod anchored;
 mod predict;
+
+#[cfg(feature = "learned")]
+pub mod learned;
 
 mod exposure;
 
@@ -13,8 +17,9 @@ mod closed_form;
 mod shell;
 
 pub use config::{Allocation, Backbone, Budget, Config, Head};
-pub use depth_backbone::{DepthRange, ViewGeometry};
+pub use depth_backbone::{DepthRange, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};
-pub use predict::predict;
+pub use anchored::{Anchored, anchor};
+pub use predict::{geometry, predict};
 pub use prediction::{Counts, ExposureGain, Prediction, Stage, StageSeconds};

@@ -1,0 +1,215 @@
+//! Everything up to the head: chosen pixels as anchors in space, with their cells, neighbours and closed-form
+//! Gaussians.
+
+use crate::cells::{Cell, cells};
+use crate::closed_form::{self, Surface};
+use crate::exposure;
+use crate::prediction::{Counts, ExposureGain, Stage, StageSeconds};
+use crate::{Allocation, Budget, Config, Error, Result, shell};
+use backproject::{Anchors, Backprojected, ViewPixels};
+use depth_backbone::ViewGeometry;
+use entropy_sampler::{EntropyWindow, ImportanceMap};
+use glam::{DVec2, DVec3};
+use gs_scene::{Gaussians, View};
+use knn::Neighbors;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::time::Instant;
+
+/// Anchors, ready for a head.
+#[derive(Debug, Clone)]
+pub struct Anchored {
+    /// The views in the common exposure.
+    pub views: Vec<View>,
+    /// Gain and bias that brought each view there.
+    pub exposure: Vec<ExposureGain>,
+    /// The closed form of every anchor, SH degree 0.
+    pub base: Gaussians,
+    /// The far shell, SH degree 0.
+    pub shell: Gaussians,
+    /// Where the Gaussians come from.
+    pub counts: Counts,
+    /// The paper's tau; `None` for pixel-aligned.
+    pub tau: Option<f64>,
+    /// Width of the patch that each anchor stands for, scene units.
+    pub(crate) spacing: Vec<f32>,
+    pub(crate) anchors: Anchors,
+    pub(crate) cells: Vec<Cell>,
+    /// None for K = 0 and for a single anchor.
+    pub(crate) neighbours: Option<Neighbors>,
+}
+
+/// Runs one stage and takes its wall time.
+pub(crate) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
+    let start = Instant::now();
+    let result = work();
+    *seconds += start.elapsed().as_secs_f64();
+    result
+}
+
+/// Chooses pixels of `views` with known `geometry` and lifts them into space; the wall time of each stage goes into
+/// `seconds`. `far` is where the depth range ends, scene units. Anchors have features where the views' geometry has.
+///
+/// # Errors
+/// If the budget is empty, or the views do not suffice for it.
+pub fn anchor(
+    views: &[View],
+    geometry: &[ViewGeometry],
+    far: f64,
+    config: &Config,
+    seconds: &mut StageSeconds,
+    on_stage: &mut dyn FnMut(Stage),
+) -> Result<Anchored> {
+    if config.budget == Budget::Gaussians(0) {
+        return Err(Error::EmptyBudget);
+    }
+    on_stage(Stage::Exposure);
+    let (exposed, exposure) = timed(&mut seconds.exposure, || {
+        let exposure = exposure::equalise(views, geometry);
+        let mut exposed = views.to_vec();
+        exposed.iter_mut().zip(&exposure).for_each(|(view, exposure)| exposure.apply(view));
+        (exposed, exposure)
+    });
+
+    on_stage(Stage::Shell);
+    let shell = timed(&mut seconds.shell, || match (config.far_shell, config.budget, config.allocation) {
+        (false, _, _) => Gaussians::empty(0),
+        (true, Budget::Gaussians(n), Allocation::Entropy | Allocation::Laplacian | Allocation::Random) => {
+            shell::shell(&exposed, far, n)
+        }
+        // Without a total to keep within, the shell has its finest cells.
+        (true, _, _) => shell::shell(&exposed, far, usize::MAX),
+    })?;
+
+    on_stage(Stage::Sampling);
+    let (pixels, tau) = timed(&mut seconds.sampling, || sample(views, geometry, config, shell.len()))?;
+
+    on_stage(Stage::Backproject);
+    let Backprojected { anchors, ranges, .. } = timed(&mut seconds.backproject, || {
+        let of = |i: usize| ViewPixels {
+            camera: views[i].camera(),
+            depth: geometry[i].depth.data(),
+            pixels: &pixels[i],
+            image: None,
+            features: geometry[i].features.as_ref(),
+        };
+        let chosen: Vec<ViewPixels> = (0..views.len()).map(of).collect();
+        backproject::anchors(&chosen, &backproject::Settings::default())
+    })?;
+
+    on_stage(Stage::Knn);
+    let neighbours = timed(&mut seconds.knn, || neighbours(&anchors, config.neighbours))?;
+
+    on_stage(Stage::Head);
+    let (cells, base) = timed(&mut seconds.head, || {
+        let of = |i: usize| {
+            closed_form(&exposed[i], &geometry[i], &anchors, ranges[i].clone(), neighbours.as_ref())
+        };
+        let per_view: Vec<(Vec<Cell>, Gaussians)> =
+            (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()?;
+        let mut base = Gaussians::empty(0)?;
+        per_view.iter().for_each(|(_, part)| base.append(part));
+        Ok::<_, Error>((per_view.into_iter().flat_map(|(cells, _)| cells).collect::<Vec<Cell>>(), base))
+    })?;
+    let spacing = cells.iter().zip(&anchors.footprints).map(|(cell, width)| width * cell.area.sqrt()).collect();
+    let counts = Counts {
+        total: base.len() + shell.len(),
+        per_view: ranges.iter().map(ExactSizeIterator::len).collect(),
+        shell: shell.len(),
+    };
+    Ok(Anchored { views: exposed, exposure, base, shell, counts, tau, spacing, anchors, cells, neighbours })
+}
+
+impl Anchored {
+    /// Surface per anchor, scene units²: the disc that reaches to the K-th neighbour, shared among K.
+    pub(crate) fn area_per_anchor(&self, anchor: usize) -> Option<f64> {
+        area_per_anchor(self.neighbours.as_ref(), anchor)
+    }
+}
+
+fn area_per_anchor(neighbours: Option<&Neighbors>, anchor: usize) -> Option<f64> {
+    let found = neighbours?;
+    let &farthest = found.row(anchor).1.last()?;
+    Some(std::f64::consts::PI * f64::from(farthest) / found.k as f64)
+}
+
+/// Whether a pixel may become a Gaussian: it has a depth that the photographs do not contradict.
+fn usable(geometry: &ViewGeometry) -> impl Iterator<Item = bool> {
+    geometry
+        .depth
+        .data()
+        .iter()
+        .zip(&geometry.confidence)
+        .map(|(&depth, &confidence)| depth > 0.0 && confidence > 0.0)
+}
+
+/// The chosen pixels of every view, and tau; `shell` Gaussians of the budget are spent already.
+fn sample(
+    views: &[View],
+    geometry: &[ViewGeometry],
+    config: &Config,
+    shell: usize,
+) -> Result<(Vec<Vec<u32>>, Option<f64>)> {
+    let map = |view: &View| -> Result<ImportanceMap> {
+        let (width, height) = (view.image().width(), view.image().height());
+        let grey = view.image().luma8();
+        Ok(match config.allocation {
+            Allocation::Entropy => ImportanceMap::entropy(&grey, width, height, EntropyWindow::default())?,
+            Allocation::Laplacian => ImportanceMap::laplacian(&grey, width, height)?,
+            Allocation::Random | Allocation::PixelAligned => ImportanceMap::uniform(width, height)?,
+        })
+    };
+    if config.allocation == Allocation::PixelAligned {
+        let all =
+            |geometry| (0..).zip(usable(geometry)).filter(|&(_, usable)| usable).map(|(i, _)| i).collect();
+        return Ok((geometry.iter().map(all).collect(), None));
+    }
+    let weigh = |(view, geometry): (&View, &ViewGeometry)| -> Result<ImportanceMap> {
+        let weights = usable(geometry).map(|usable| f32::from(u8::from(usable))).collect();
+        Ok(map(view)?.with_weights(weights)?)
+    };
+    let maps: Vec<ImportanceMap> = views.par_iter().zip(geometry).map(weigh).collect::<Result<_>>()?;
+    let budget = match config.budget {
+        Budget::Gaussians(total) => entropy_sampler::Budget::Count(total - shell),
+        Budget::Tau(tau) => entropy_sampler::Budget::Tau(tau),
+    };
+    let samples = entropy_sampler::sample(&maps, budget, config.sampler, config.seed)?;
+    Ok((samples.pixels, Some(samples.probability.tau)))
+}
+
+/// The K nearest anchors of every anchor.
+fn neighbours(anchors: &Anchors, k: usize) -> Result<Option<Neighbors>> {
+    if k == 0 || anchors.len() < 2 {
+        return Ok(None);
+    }
+    // Seen from one of them: differences far from the world's origin keep their digits.
+    let origin = DVec3::from(anchors.positions[0]);
+    Ok(Some(knn::knn(&anchors.positions_from(origin), k)?))
+}
+
+/// Cells and closed-form Gaussians of the anchors `range` of one view.
+fn closed_form(
+    view: &View,
+    geometry: &ViewGeometry,
+    anchors: &Anchors,
+    range: Range<usize>,
+    neighbours: Option<&Neighbors>,
+) -> Result<(Vec<Cell>, Gaussians)> {
+    let inverse = |(usable, &depth): (bool, &f32)| if usable { 1.0 / depth } else { 0.0 };
+    let inverse_depth: Vec<f32> = usable(geometry).zip(geometry.depth.data()).map(inverse).collect();
+    let width = view.image().width();
+    let mut gaussians = Gaussians::empty(0)?;
+    let cells = cells(view.image(), &inverse_depth, &anchors.pixels[range.clone()]);
+    for (i, cell) in range.zip(&cells) {
+        let pixel = anchors.pixels[i] as usize;
+        let surface = Surface {
+            pixel: DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5),
+            depth: f64::from(anchors.depths[i]),
+            normal: DVec3::from(anchors.normals[i].map(f64::from)),
+            area_per_anchor: area_per_anchor(neighbours, i),
+            confirmed: geometry.is_confirmed(pixel),
+        };
+        closed_form::push(&mut gaussians, view.camera(), &surface, cell);
+    }
+    Ok((cells, gaussians))
+}

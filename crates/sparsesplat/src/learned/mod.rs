@@ -1,0 +1,27 @@
+//! The learned head: what it sees of the anchors, and what becomes of its outputs.
+
+mod decode;
+mod inputs;
+mod rotate_sh;
+mod support;
+
+pub use decode::{BOUNDS, Decoder};
+pub use inputs::{GEOMETRY_FEATURES, HeadInputs, image_features};
+
+use crate::Anchored;
+use depth_backbone::ViewGeometry;
+
+impl Anchored {
+    /// What a head sees of these anchors; `geometry` is what they were made from, with features.
+    #[must_use]
+    pub fn inputs(&self, geometry: &[ViewGeometry]) -> HeadInputs {
+        HeadInputs::new(self, &self.views, geometry)
+    }
+
+    /// What turns a head's outputs for these anchors into Gaussians.
+    #[must_use]
+    pub fn decoder(&self) -> Decoder {
+        let rotations: Vec<_> = self.views.iter().map(|view| view.camera().rotation()).collect();
+        Decoder::new(self.base.clone(), self.spacing.clone(), self.anchors.views.clone(), &rotations)
+    }
+}

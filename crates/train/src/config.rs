@@ -1,0 +1,77 @@
+use crate::{Error, Rates, Result};
+use attn_head::Kind;
+use serde::{Deserialize, Serialize};
+use sparsesplat::Allocation;
+
+/// Everything that decides what training makes of a set of windows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// How the head gathers neighbours.
+    pub head: Kind,
+    /// Neighbours K.
+    pub neighbours: usize,
+    /// Which pixels become anchors.
+    pub allocation: Allocation,
+    /// Smallest and largest number of Gaussians as a share of the context views' pixels; each pass draws one between,
+    /// evenly in its logarithm, so that one model serves all budgets.
+    pub density: [f64; 2],
+    /// Steps in all.
+    pub steps: usize,
+    /// Windows per step, one after the other (paper: 2).
+    pub batch: usize,
+    /// Held-out views of a window that are compared per pass.
+    pub targets: usize,
+    /// Context views of a window that are compared besides.
+    pub contexts: usize,
+    /// Weight λ of the structural term.
+    pub lambda: f32,
+    /// How fast weights move.
+    pub rates: Rates,
+    /// Seed of the weights and of everything that is drawn.
+    pub seed: u64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            head: Kind::Attention,
+            neighbours: 20,
+            allocation: Allocation::Entropy,
+            density: [0.01, 0.25],
+            steps: 6000,
+            batch: 2,
+            targets: 2,
+            contexts: 1,
+            lambda: 0.02,
+            rates: Rates { learning_rate: 1e-3, warm_up: 100, last: 0.01, clip: 1.0 },
+            seed: 0,
+        }
+    }
+}
+
+impl Config {
+    pub(crate) fn check(&self) -> Result<()> {
+        let refuse = |setting, found: String, expected| Err(Error::Setting { setting, found, expected });
+        let [low, high] = self.density;
+        if !(low > 0.0 && low <= high && high <= 1.0) {
+            return refuse("density", format!("{low} to {high}"), "two shares above 0 and up to 1, smaller first");
+        }
+        if self.batch == 0 || self.targets + self.contexts == 0 {
+            let found = format!("batch {}, {} targets, {} contexts", self.batch, self.targets, self.contexts);
+            return refuse("batch, targets, contexts", found, "something to compare");
+        }
+        if !(0.0..=1.0).contains(&self.lambda) {
+            return refuse("lambda", self.lambda.to_string(), "a share from 0 to 1");
+        }
+        let Rates { learning_rate, last, clip, .. } = self.rates;
+        if !(learning_rate > 0.0 && learning_rate < 1.0 && (0.0..=1.0).contains(&last) && clip > 0.0) {
+            let found = format!("learning_rate {learning_rate}, last {last}, clip {clip}");
+            return refuse("rates", found, "learning_rate between 0 and 1, last from 0 to 1, clip above 0");
+        }
+        if self.allocation == Allocation::PixelAligned && self.neighbours > 0 && high < 1.0 {
+            return Ok(());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,79 @@
+use std::path::PathBuf;
+
+/// Why a head was not trained.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A setting is out of its range.
+    #[error("{setting}: {found}, expected {expected}")]
+    Setting {
+        /// Its name.
+        setting: &'static str,
+        /// What was given.
+        found: String,
+        /// What would do.
+        expected: &'static str,
+    },
+    /// Nothing to train on.
+    #[error("no windows to train on")]
+    NoWindows,
+    /// A window has no views to compare with.
+    #[error("{window}: no held-out views to compare with")]
+    NoTargets {
+        /// Its name.
+        window: String,
+    },
+    /// A file cannot be read.
+    #[error("{}: cannot read", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file of the cache, or a checkpoint, is not what this code writes.
+    #[error("{}: {problem}: remove the file, it can be made again", path.display())]
+    Broken {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A checkpoint is of another run.
+    #[error("{}: the checkpoint's {what} differs from this run's: resume with the same, or begin anew in another folder", path.display())]
+    OtherRun {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What differs.
+        what: &'static str,
+    },
+    /// Windows cannot be loaded.
+    #[error(transparent)]
+    Evaluate(#[from] evaluate::Error),
+    /// The pipeline before the head fails.
+    #[error(transparent)]
+    Predict(#[from] sparsesplat::Error),
+    /// A noun has the wrong shape.
+    #[error(transparent)]
+    Scene(#[from] gs_scene::Error),
+    /// A head refuses.
+    #[error(transparent)]
+    Head(#[from] attn_head::Error),
+    /// The chain of operations fails.
+    #[error(transparent)]
+    Chain(#[from] candle_core::Error),
+    /// The renderer fails.
+    #[error(transparent)]
+    Render(#[from] gs_raster::Error),
+    /// Pictures cannot be compared.
+    #[error("{view}: cannot be compared")]
+    Metric {
+        /// The photograph.
+        view: String,
+        /// Why.
+        source: image_metrics::Error,
+    },
+}
+
+/// This crate's result.
+pub type Result<T, E = Error> = std::result::Result<T, E>;

@@ -1,0 +1,18 @@
+#![doc = include_str!("../README.md")]
+
+mod adam;
+mod cases;
+mod checkpoint;
+mod config;
+mod draw;
+mod error;
+mod loss;
+mod net;
+mod ops;
+mod trainer;
+
+pub use adam::Rates;
+pub use cases::{Case, Cases};
+pub use config::Config;
+pub use error::{Error, Result};
+pub use trainer::{Record, Score, Trainer};

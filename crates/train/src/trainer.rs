@@ -1,0 +1,304 @@
+//! The loop, a step at a time.
+
+use crate::adam::{Adam, length};
+use crate::checkpoint::{self, Progress};
+use crate::draw::{Stream, bits, some, unit};
+use crate::loss::Loss;
+use crate::net::Net;
+use crate::ops::{Compare, Decode, Render, values};
+use crate::{Case, Cases, Config, Error, Result};
+use attn_head::Weights;
+use candle_core::{Device, Tensor, Var};
+use gs_raster::{Rasterizer, RenderSettings, near_plane};
+use gs_scene::View;
+use serde::Serialize;
+use sparsesplat::learned::{GEOMETRY_FEATURES, image_features};
+use sparsesplat::{Anchored, Budget, StageSeconds, anchor};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+/// A training run.
+pub struct Trainer {
+    config: Config,
+    cases: Cases,
+    net: Net,
+    weights: Vec<f32>,
+    adam: Adam,
+    /// Steps done.
+    step: usize,
+    skipped: usize,
+    schema: String,
+    rasterizer: Arc<Mutex<Rasterizer>>,
+}
+
+/// What a step did.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Record {
+    /// Counted from 1.
+    pub step: usize,
+    /// Mean loss of the pictures that were compared; of a skipped step whatever it was.
+    pub loss: f64,
+    /// Mean PSNR of the same, dB.
+    pub psnr: f64,
+    /// Learning rate.
+    pub lr: f64,
+    /// Length of the gradient before clipping.
+    pub gradient: f64,
+    /// Mean number of Gaussians.
+    pub gaussians: f64,
+    /// Wall time, seconds.
+    pub seconds: f64,
+    /// Loss or gradient was not finite: nothing was changed.
+    pub skipped: bool,
+}
+
+/// A head held against the closed form on held-out views, means over windows.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Score {
+    /// Number of Gaussians as a share of the context's pixels.
+    pub density: f64,
+    /// Of the head, dB.
+    pub psnr: f64,
+    /// Of the closed form, dB.
+    pub psnr_closed_form: f64,
+}
+
+/// One pass over a window.
+struct Pass {
+    loss: f64,
+    clipped_mse: Vec<f64>,
+    gaussians: usize,
+    gradient: Vec<f32>,
+}
+
+impl Trainer {
+    /// A run from the beginning, with weights drawn by the seed.
+    ///
+    /// # Errors
+    /// If a setting is out of its range, or a case cannot be read.
+    pub fn new(config: Config, cases: Cases, rasterizer: Rasterizer) -> Result<Self> {
+        config.check()?;
+        let first = cases.read(0)?;
+        let features = first.geometry.first().and_then(|geometry| geometry.features.as_ref());
+        let (channels, schema) = features.map_or((0, ""), |map| (map.channels(), map.schema()));
+        let head = attn_head::Config {
+            kind: config.head,
+            geometry: GEOMETRY_FEATURES,
+            image: image_features(channels),
+            neighbours: config.neighbours,
+        };
+        let weights = Weights::initial(head, config.seed).values;
+        Ok(Self {
+            net: Net::new(head),
+            adam: Adam::new(weights.len()),
+            weights,
+            step: 0,
+            skipped: 0,
+            schema: schema.to_owned(),
+            rasterizer: Arc::new(Mutex::new(rasterizer)),
+            config,
+            cases,
+        })
+    }
+
+    /// Goes on where a checkpoint was written.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is of a run with another configuration or other data.
+    pub fn resume(&mut self, path: &Path) -> Result<()> {
+        let (progress, weights, adam) = checkpoint::read(path, self.weights.len())?;
+        let other = |what| Err(Error::OtherRun { path: path.to_path_buf(), what });
+        if progress.config != self.config {
+            return other("configuration");
+        }
+        if progress.data != self.cases.sha256() {
+            return other("data");
+        }
+        (self.weights, self.adam) = (weights, adam);
+        (self.step, self.skipped) = (progress.step, progress.skipped);
+        Ok(())
+    }
+
+    /// Writes a checkpoint; a reader never sees half of it.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let progress = Progress {
+            config: self.config.clone(),
+            data: self.cases.sha256().to_owned(),
+            step: self.step,
+            skipped: self.skipped,
+            updates: self.adam.updates,
+        };
+        checkpoint::write(path, &progress, &self.weights, &self.adam)
+    }
+
+    /// Steps done.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.step
+    }
+
+    /// Steps that were skipped.
+    #[must_use]
+    pub fn skipped(&self) -> usize {
+        self.skipped
+    }
+
+    /// The head as it is.
+    #[must_use]
+    pub fn weights(&self) -> Weights {
+        let metadata = BTreeMap::from([("features".to_owned(), self.schema.clone())]);
+        Weights { config: self.net.config(), values: self.weights.clone(), metadata }
+    }
+
+    /// One step: passes over a batch of windows, one update.
+    ///
+    /// # Errors
+    /// If a case cannot be read, or a stage fails. A loss or gradient that is not finite is no error: the step is
+    /// skipped.
+    pub fn step(&mut self) -> Result<Record> {
+        let begin = Instant::now();
+        let mut sum = vec![0.0f32; self.weights.len()];
+        let (mut loss, mut gaussians, mut mse) = (0.0, 0.0, Vec::new());
+        for item in 0..self.config.batch {
+            let pass = self.pass(self.step * self.config.batch + item)?;
+            loss += pass.loss / self.config.batch as f64;
+            gaussians += pass.gaussians as f64 / self.config.batch as f64;
+            mse.extend(pass.clipped_mse);
+            sum.iter_mut().zip(&pass.gradient).for_each(|(sum, g)| *sum += g / self.config.batch as f32);
+        }
+        let gradient = length(&sum);
+        let lr = self.config.rates.of_step(self.step, self.config.steps);
+        let skipped = !(loss.is_finite() && gradient.is_finite());
+        if skipped {
+            self.skipped += 1;
+        } else {
+            let factor = (f64::from(self.config.rates.clip) / gradient).min(1.0) as f32;
+            sum.iter_mut().for_each(|g| *g *= factor);
+            self.adam.update(&mut self.weights, &sum, lr);
+        }
+        self.step += 1;
+        let psnr = mse.iter().map(|mse| decibel(*mse)).sum::<f64>() / mse.len() as f64;
+        let seconds = begin.elapsed().as_secs_f64();
+        Ok(Record { step: self.step, loss, psnr, lr, gradient, gaussians, seconds, skipped })
+    }
+
+    /// Loss and gradient of the `index`-th pass of the run.
+    fn pass(&self, index: usize) -> Result<Pass> {
+        let seed = self.config.seed;
+        let case = self.cases.read((bits(seed, Stream::Case, index) % self.cases.len() as u64) as usize)?;
+        let [low, high] = self.config.density;
+        let density = low * (high / low).powf(unit(seed, Stream::Density, index));
+        let anchored = self.anchored(&case, density, bits(seed, Stream::Sampling, index))?;
+        let targets = some(seed, Stream::Target, index, case.targets.len(), self.config.targets);
+        let contexts = some(seed, Stream::Context, index, case.context.len(), self.config.contexts);
+        let views: Vec<&View> = targets
+            .into_iter()
+            .map(|i| &case.targets[i])
+            .chain(contexts.into_iter().map(|i| &anchored.views[i]))
+            .collect();
+
+        let weights = Var::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
+        let outputs = self.net.outputs(&weights, anchored.inputs(&case.geometry))?;
+        let decode = Decode { decoder: Arc::new(anchored.decoder()), shell: Arc::new(anchored.shell.clone()) };
+        let gaussians = outputs.apply_op1(decode)?;
+        let mut total: Option<Tensor> = None;
+        let mut compared = Vec::new();
+        for view in &views {
+            let render = Render {
+                rasterizer: Arc::clone(&self.rasterizer),
+                camera: *view.camera(),
+                settings: settings(&anchored, view),
+                tape: Mutex::default(),
+            };
+            let found = Arc::new(Mutex::new(None));
+            let loss = Arc::new(Loss::new(view, self.config.lambda)?);
+            let loss = gaussians.apply_op1(render)?.apply_op1(Compare { loss, compared: Arc::clone(&found) })?;
+            total = Some(match total {
+                None => loss,
+                Some(total) => (total + loss)?,
+            });
+            compared.push(found);
+        }
+        let Some(total) = total else { return Err(Error::NoTargets { window: case.name }) };
+        let loss = (total / views.len() as f64)?;
+        let value = f64::from(loss.to_scalar::<f32>()?);
+        let gradient = if value.is_finite() {
+            match loss.backward()?.get(&weights) {
+                Some(gradient) => values(gradient)?,
+                None => vec![0.0; self.weights.len()],
+            }
+        } else {
+            vec![f32::NAN; self.weights.len()]
+        };
+        let mse = compared.iter().filter_map(|found| {
+            found.lock().ok().and_then(|found| found.as_ref().map(|compared| compared.clipped_mse))
+        });
+        Ok(Pass { loss: value, clipped_mse: mse.collect(), gaussians: anchored.counts.total, gradient })
+    }
+
+    fn anchored(&self, case: &Case, density: f64, seed: u64) -> Result<Anchored> {
+        let pixels: usize = case.context.iter().map(|view| view.image().data().len() / 3).sum();
+        let config = sparsesplat::Config {
+            allocation: self.config.allocation,
+            budget: Budget::Gaussians(((pixels as f64 * density) as usize).max(1)),
+            neighbours: self.config.neighbours,
+            seed,
+            ..sparsesplat::Config::default()
+        };
+        let (far, seconds) = (case.depth_range.1, &mut StageSeconds::default());
+        Ok(anchor(&case.context, &case.geometry, far, &config, seconds, &mut |_| {})?)
+    }
+
+    /// Held-out PSNR of the head and of the closed form on the targets of `cases`, at one density; `look` is given each
+    /// target with what head and closed form make of it.
+    ///
+    /// # Errors
+    /// As [`Trainer::step`].
+    pub fn validate(
+        &self,
+        cases: &Cases,
+        density: f64,
+        look: &mut dyn FnMut(&str, &View, [&[f32]; 2]),
+    ) -> Result<Score> {
+        let mut sums = [0.0; 2];
+        for index in 0..cases.len() {
+            let case = cases.read(index)?;
+            let anchored = self.anchored(&case, density, self.config.seed)?;
+            let weights = Tensor::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
+            let outputs = values(&self.net.outputs(&weights, anchored.inputs(&case.geometry))?)?;
+            let mut learned = anchored.decoder().decode(&outputs);
+            learned.append(&anchored.shell.clone().with_sh_degree(learned.sh_degree())?);
+            let mut closed = anchored.base.clone();
+            closed.append(&anchored.shell);
+            for view in &case.targets {
+                let loss = Loss::new(view, 0.0)?;
+                let mut pictures = [Vec::new(), Vec::new()];
+                for ((scene, sum), picture) in [&learned, &closed].into_iter().zip(&mut sums).zip(&mut pictures) {
+                    let mut rasterizer = self.rasterizer.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                    let rendering = rasterizer.render(scene, view.camera(), &settings(&anchored, view))?;
+                    let compared = loss.compare(rendering.image.data());
+                    let compared =
+                        compared.map_err(|source| Error::Metric { view: view.name().to_owned(), source })?;
+                    *sum += decibel(compared.clipped_mse) / (case.targets.len() * cases.len()) as f64;
+                    *picture = rendering.image.data().to_vec();
+                }
+                look(&case.name, view, [&pictures[0], &pictures[1]]);
+            }
+        }
+        Ok(Score { density, psnr: sums[0], psnr_closed_form: sums[1] })
+    }
+}
+
+fn decibel(mse: f64) -> f64 {
+    -10.0 * mse.log10()
+}
+
+/// The near plane is that of the closed form: it must not move under the optimiser.
+fn settings(anchored: &Anchored, view: &View) -> RenderSettings {
+    RenderSettings { near: near_plane(&anchored.base, view.camera()), ..RenderSettings::default() }
+}
