@@ -7,9 +7,6 @@ use rayon::prelude::*;
 /// Half the windows of the local means and deviations: 3×3, 7×7 and 15×15 pixels.
 const RADII: [usize; 3] = [1, 3, 7];
 
-/// Name of this bank as a schema of features; another number where a channel changes its meaning.
-pub const FEATURE_SCHEMA: &str = "bank-1";
-
 /// What each channel holds, in order.
 pub const FEATURE_NAMES: [&str; 32] = [
     "red",
@@ -154,7 +151,7 @@ pub(crate) fn bank(view: &View, depth: &DepthMap, confidence: &[f32], cost: &[f3
     channels.push(cost.to_vec());
     channels.push(position(&|i| (i % width, width)));
     channels.push(position(&|i| (i / width, height)));
-    Ok(FeatureMap::new(channels.len(), width, height, channels.concat())?.with_schema(FEATURE_SCHEMA))
+    Ok(FeatureMap::new(channels.len(), width, height, channels.concat())?)
 }
 
 #[cfg(test)]

@@ -10,6 +10,9 @@ use gs_scene::View;
 pub struct GivenDepth;
 
 impl GivenDepth {
+    /// Name of its features; another number where they change their meaning.
+    pub const SCHEMA: &str = "given-depth-1";
+
     /// Smallest and largest measured z-depth but half a percent at either end, scene units.
     ///
     /// # Errors
@@ -42,7 +45,7 @@ impl DepthBackbone for GivenDepth {
                 let cost = vec![0.0; confidence.len()];
                 let features = match wanted {
                     Wanted::Depth => None,
-                    Wanted::DepthAndFeatures => Some(features::bank(view, &depth, &confidence, &cost)?),
+                    Wanted::DepthAndFeatures => Some(features::bank(view, &depth, &confidence, &cost)?.with_schema(Self::SCHEMA)),
                 };
                 Ok(ViewGeometry { depth, confidence, features })
             })

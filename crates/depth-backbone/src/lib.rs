@@ -30,7 +30,7 @@ pub use depthsplat::{
     DepthSplat, PixelGaussians, Scales, StageTime, Trace, TracedMap, Variant, Vit, WeightFault, WeightProblem,
 };
 pub use error::{Error, Result};
-pub use features::{FEATURE_NAMES, FEATURE_SCHEMA};
+pub use features::FEATURE_NAMES;
 pub use given_depth::GivenDepth;
 pub use plane_sweep::PlaneSweep;
 pub use range::{DepthRange, FAR_MARGIN};

@@ -68,6 +68,9 @@ impl<'v> Matched<'v> {
 }
 
 impl PlaneSweep {
+    /// Name of its features; another number where they change their meaning.
+    pub const SCHEMA: &str = "plane-sweep-1";
+
     /// The range that the sweep covers, z-depths in scene units: `range` as given, or estimated from the views.
     ///
     /// # Errors
@@ -130,7 +133,7 @@ impl DepthBackbone for PlaneSweep {
                         let sources: Vec<Source> =
                             view.sources.iter().map(|&s| matched[s].source(camera, None)).collect();
                         let cost = surface_costs(view.reference(), &sources, inverse_depth);
-                        Some(features::bank(view.view, &depth, &confidence, &cost)?)
+                        Some(features::bank(view.view, &depth, &confidence, &cost)?.with_schema(Self::SCHEMA))
                     }
                 };
                 Ok(ViewGeometry { depth, confidence, features })

@@ -52,8 +52,11 @@ pub(crate) struct Pipeline {
     #[arg(long, value_enum, default_value = "fixed")]
     pub(crate) sampler: SamplerName,
     /// What turns anchors into Gaussians
-    #[arg(long, value_enum, default_value = "closed-form")]
+    #[arg(long, value_enum, default_value = "default")]
     pub(crate) head: HeadName,
+    /// Weights of a head that `train` wrote, instead of the default ones
+    #[arg(long, value_name = "FILE", conflicts_with = "head")]
+    pub(crate) weights: Option<PathBuf>,
     /// Back what no view covers by a far shell of large Gaussians
     #[arg(long, value_name = "on|off", value_parser = on_off, default_value = "on", action = clap::ArgAction::Set)]
     pub(crate) far_shell: bool,
@@ -116,6 +119,8 @@ pub(crate) enum SamplerName {
 /// What turns anchors into Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum HeadName {
+    /// Learned, with the weights that come along; the closed form for a backbone that has none
+    Default,
     /// By formula from the neighbourhood; no weights
     ClosedForm,
 }
@@ -155,8 +160,10 @@ impl Pipeline {
             },
             budget: self.tau.map_or(Budget::Gaussians(self.gaussians), Budget::Tau),
             neighbours: self.neighbours,
-            head: match self.head {
-                HeadName::ClosedForm => Head::ClosedForm,
+            head: match (&self.weights, self.head) {
+                (Some(weights), _) => Head::Weights(weights.clone()),
+                (None, HeadName::Default) => Head::Default,
+                (None, HeadName::ClosedForm) => Head::ClosedForm,
             },
             far_shell: self.far_shell,
             seed,

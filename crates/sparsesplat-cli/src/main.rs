@@ -16,6 +16,7 @@ mod reconstruct;
 mod render;
 mod simulate;
 mod summary;
+mod train;
 
 use arguments::Common;
 use clap::{Parser, Subcommand};
@@ -48,6 +49,7 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     Render(render::Arguments),
     Eval(eval::Arguments),
+    Train(train::Arguments),
     Simulate(simulate::Arguments),
     CheckData(check_data::Arguments),
     Doctor(doctor::Arguments),
@@ -78,6 +80,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Reconstruct(arguments) => reconstruct::run(arguments, common),
         Command::Render(arguments) => render::run(arguments, common),
         Command::Eval(arguments) => eval::run(arguments, common),
+        Command::Train(arguments) => train::run(arguments, common),
         Command::Simulate(arguments) => simulate::run(arguments, common),
         Command::CheckData(arguments) => check_data::run(arguments, common),
         Command::Doctor(arguments) => doctor::run(arguments, common),

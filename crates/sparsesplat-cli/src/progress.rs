@@ -17,7 +17,7 @@ impl Progress {
         }
         let bar = ProgressBar::new(steps as u64);
         let template = if steps > 1 {
-            "{spinner} [{elapsed_precise}] {wide_bar} {pos}/{len} {msg}"
+            "{spinner} [{elapsed_precise}] {wide_bar} {pos}/{len} {eta_precise} {msg}"
         } else {
             "{spinner} [{elapsed_precise}] {msg}"
         };
@@ -48,6 +48,17 @@ impl Progress {
         if ledger.len() > SHOWN {
             self.warn(&format!("{scene}: not used: {} more; check-data lists them", ledger.len() - SHOWN));
         }
+    }
+
+    /// A line of its own that stays.
+    pub(crate) fn line(&self, what: &str) {
+        self.0.suspend(|| eprintln!("{what}"));
+    }
+
+    /// So many steps were done before.
+    pub(crate) fn set(&self, done: usize) {
+        self.0.set_position(done as u64);
+        self.0.reset_eta();
     }
 
     /// One step is done.

@@ -1,6 +1,7 @@
 use depth_backbone::DepthRange;
 use entropy_sampler::Sampler;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// Everything that decides what [`crate::predict`] makes of a set of views.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,7 +36,7 @@ impl Default for Config {
             sampler: Sampler::Fixed,
             budget: Budget::Gaussians(40_000),
             neighbours: 20,
-            head: Head::ClosedForm,
+            head: Head::Default,
             far_shell: true,
             seed: 0,
         }
@@ -77,9 +78,13 @@ pub enum Budget {
 }
 
 /// What turns anchors into Gaussians.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Head {
+    /// The default weights of the backbone; the closed form where it has none.
+    Default,
+    /// A head with weights from a file.
+    Weights(PathBuf),
     /// Scale, rotation, colour and opacity from the local neighbourhood by formula; no weights.
     ClosedForm,
 }

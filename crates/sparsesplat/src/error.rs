@@ -17,6 +17,50 @@ pub enum Error {
     /// Anchors without neighbours.
     #[error(transparent)]
     Knn(#[from] knn::Error),
+    /// Weights that cannot be read, or inputs that a head refuses.
+    #[cfg(feature = "learned")]
+    #[error(transparent)]
+    Head(#[from] attn_head::Error),
+    /// Weights without the name of the features that they were trained on.
+    #[error("{weights}: does not say which features it was trained on: expected weights that `train` wrote")]
+    NoSchema {
+        /// The weights.
+        weights: String,
+    },
+    /// Weights of another version of this crate.
+    #[error("{weights}: wants {found} geometric features per anchor, there are {expected}: train it anew")]
+    GeometryFeatures {
+        /// The weights.
+        weights: String,
+        /// Features that there are.
+        expected: usize,
+        /// Features that the weights want.
+        found: usize,
+    },
+    /// Weights that were trained on the features of another backbone.
+    #[error("{weights}: trained on features {expected:?}, the backbone gives {found:?}: use weights trained with it, or the closed-form head")]
+    OtherFeatures {
+        /// The weights.
+        weights: String,
+        /// Schema of the features that they were trained on.
+        expected: String,
+        /// Schema of the features that there are.
+        found: String,
+    },
+    /// A head that gives NaN or infinity.
+    #[error("{weights}: an output for anchor {anchor} is not finite: the weights are of no use on these photographs")]
+    OutputNotFinite {
+        /// The weights.
+        weights: String,
+        /// The first such anchor.
+        anchor: usize,
+    },
+    /// Weights are given to a build that cannot use them.
+    #[error("{weights}: this build has no learned heads: build with the feature `learned`")]
+    NotBuilt {
+        /// The weights.
+        weights: String,
+    },
     /// A budget of nothing.
     #[error("budget is 0 Gaussians, expected at least 1")]
     EmptyBudget,

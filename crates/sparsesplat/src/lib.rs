@@ -9,6 +9,9 @@ mod predict;
 
 #[cfg(feature = "learned")]
 pub mod learned;
+#[cfg(not(feature = "learned"))]
+#[path = "unlearned.rs"]
+mod learned;
 
 mod exposure;
 

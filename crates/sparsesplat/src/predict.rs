@@ -1,4 +1,5 @@
 use crate::anchored::{Anchored, anchor, timed};
+use crate::learned::LearnedHead;
 use crate::prediction::{Prediction, Stage, StageSeconds};
 use crate::{Backbone, Budget, Config, Error, Result};
 use depth_backbone::{DepthBackbone, GivenDepth, PlaneSweep, ViewGeometry, Wanted};
@@ -12,15 +13,31 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
     if config.budget == Budget::Gaussians(0) {
         return Err(Error::EmptyBudget);
     }
+    let head = LearnedHead::chosen(config)?;
+    let wanted = if head.is_some() { Wanted::DepthAndFeatures } else { Wanted::Depth };
     let mut seconds = StageSeconds::default();
     on_stage(Stage::Backbone);
-    let (geometry, depth_range) = timed(&mut seconds.backbone, || geometry(views, config, Wanted::Depth))?;
+    let (mut geometry, depth_range) = timed(&mut seconds.backbone, || geometry(views, config, wanted))?;
     let anchored = anchor(views, &geometry, depth_range.1, config, &mut seconds, on_stage)?;
+    on_stage(Stage::Head);
+    let made = timed(&mut seconds.head, || {
+        head.as_ref().map(|head| head.gaussians(&anchored, &geometry)).transpose()
+    })?;
     on_stage(Stage::Decode);
-    let Anchored { mut base, shell, counts, tau, exposure, .. } = anchored;
-    timed(&mut seconds.decode, || base.append(&shell));
-    Ok(Prediction { gaussians: base, counts, tau, geometry, exposure, depth_range, seconds })
+    let Anchored { base, shell, counts, tau, exposure, .. } = anchored;
+    let gaussians = timed(&mut seconds.decode, || {
+        let mut gaussians = made.unwrap_or(base);
+        gaussians.append(&shell.with_sh_degree(gaussians.sh_degree())?);
+        Ok::<_, Error>(gaussians)
+    })?;
+    // They are large, and nobody needs them any more.
+    geometry.iter_mut().for_each(|view| view.features = None);
+    let head = head.map_or_else(|| CLOSED_FORM.to_owned(), |head| head.name().to_owned());
+    Ok(Prediction { gaussians, head, counts, tau, geometry, exposure, depth_range, seconds })
 }
+
+/// The closed-form head, as reports call it.
+const CLOSED_FORM: &str = "closed-form";
 
 /// Depth of all views by the configured backbone, and what else is wanted; and the range it lies in, scene units.
 ///

@@ -7,11 +7,13 @@ use serde::Serialize;
 pub struct Prediction {
     /// The scene, world frame; the far shell comes last.
     pub gaussians: Gaussians,
+    /// What made the Gaussians' attributes: `closed-form`, or the weights.
+    pub head: String,
     /// Where the Gaussians come from.
     pub counts: Counts,
     /// The paper's tau that the budget was solved to; `None` for pixel-aligned.
     pub tau: Option<f64>,
-    /// Depth and confidence per view; the closed-form head asks for no features.
+    /// Depth and confidence per view, without features.
     pub geometry: Vec<ViewGeometry>,
     /// Gain and bias that brought each view into the common exposure.
     pub exposure: Vec<ExposureGain>,

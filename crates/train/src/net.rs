@@ -1,8 +1,10 @@
 //! A head as an operation of candle: weights and inputs to outputs.
 
 use crate::Result;
-use attn_head::Config;
-use candle_core::Tensor;
+use attn_head::fused::{self, Neighbourhood};
+use attn_head::plain::{Network, TensorInputs};
+use attn_head::{Config, Kind};
+use candle_core::{Device, Tensor};
 use sparsesplat::learned::HeadInputs;
 
 pub(crate) struct Net {
@@ -20,6 +22,18 @@ impl Net {
 
     /// Outputs `[n, 38]`, differentiable by `weights`, the numbers of all tensors one after the other.
     pub(crate) fn outputs(&self, weights: &Tensor, inputs: HeadInputs) -> Result<Tensor> {
-        todo!()
+        if self.config.kind == Kind::Attention {
+            let of = |values: Vec<f32>, width| Tensor::from_vec(values, (inputs.n, width), &Device::Cpu);
+            let geometry = of(inputs.geometry, self.config.geometry)?;
+            let image = of(inputs.image, self.config.image)?;
+            let neighbourhood = Neighbourhood {
+                k: inputs.k,
+                neighbours: inputs.neighbours.into(),
+                relative: inputs.relative.into(),
+            };
+            return Ok(fused::apply(&self.config, weights, &geometry, &image, &neighbourhood)?);
+        }
+        let inputs = TensorInputs::new(&self.config, &inputs.as_inputs(), weights.dtype(), &Device::Cpu)?;
+        Ok(Network::new(self.config, weights)?.forward(&inputs)?)
     }
 }

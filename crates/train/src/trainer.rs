@@ -89,7 +89,7 @@ impl Trainer {
             image: image_features(channels),
             neighbours: config.neighbours,
         };
-        let weights = Weights::initial(head, config.seed).values;
+        let weights = Weights::initial(head, config.seed)?.values;
         Ok(Self {
             net: Net::new(head),
             adam: Adam::new(weights.len()),

@@ -1,11 +1,13 @@
 //! The learned head: what it sees of the anchors, and what becomes of its outputs.
 
 mod decode;
+mod head;
 mod inputs;
 mod rotate_sh;
 mod support;
 
 pub use decode::{BOUNDS, Decoder};
+pub use head::{FEATURES, LearnedHead};
 pub use inputs::{GEOMETRY_FEATURES, HeadInputs, image_features};
 
 use crate::Anchored;

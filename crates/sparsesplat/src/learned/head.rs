@@ -1,0 +1,90 @@
+//! Weights and the features they work with.
+
+use super::{GEOMETRY_FEATURES, HeadInputs, image_features};
+use crate::{Anchored, Backbone, Config, Error, Result};
+use attn_head::{Head, OUTPUTS, Weights};
+use depth_backbone::ViewGeometry;
+use gs_scene::Gaussians;
+use std::path::Path;
+
+/// Where weights say which features they were trained on.
+pub const FEATURES: &str = "features";
+
+/// A trained head.
+#[derive(Debug)]
+pub struct LearnedHead {
+    head: Head,
+    features: String,
+    name: String,
+}
+
+impl LearnedHead {
+    /// A head from weights; `name` is what reports call it.
+    ///
+    /// # Errors
+    /// If the weights do not say which features they work with, or want other geometric features than there are.
+    pub fn new(weights: Weights, name: impl Into<String>) -> Result<Self> {
+        let name = name.into();
+        let Some(features) = weights.metadata.get(FEATURES).cloned() else {
+            return Err(Error::NoSchema { weights: name });
+        };
+        if weights.config.geometry != GEOMETRY_FEATURES {
+            let (expected, found) = (GEOMETRY_FEATURES, weights.config.geometry);
+            return Err(Error::GeometryFeatures { weights: name, expected, found });
+        }
+        Ok(Self { head: Head::new(weights)?, features, name })
+    }
+
+    /// A head from a file.
+    ///
+    /// # Errors
+    /// If it cannot be read, or as [`LearnedHead::new`].
+    pub fn read(path: &Path) -> Result<Self> {
+        Self::new(Weights::read(path)?, path.display().to_string())
+    }
+
+    /// What reports call it.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The head that the configuration asks for; none is the closed form.
+    pub(crate) fn chosen(config: &Config) -> Result<Option<Self>> {
+        match &config.head {
+            crate::Head::ClosedForm => Ok(None),
+            crate::Head::Weights(path) => Self::read(path).map(Some),
+            crate::Head::Default => match config.backbone {
+                Backbone::PlaneSweep | Backbone::GivenDepth => Ok(None),
+            },
+        }
+    }
+
+    /// What the head makes of the anchors, far shell excluded; `geometry` is that of the views, with features.
+    pub(crate) fn gaussians(&self, anchored: &Anchored, geometry: &[ViewGeometry]) -> Result<Gaussians> {
+        let outputs = self.outputs(&anchored.inputs(geometry), geometry)?;
+        Ok(anchored.decoder().decode(&outputs))
+    }
+
+    /// Outputs `[n, 38]` for anchors of views with this geometry.
+    ///
+    /// # Errors
+    /// If the weights were trained on other features, or an input or output is not finite.
+    fn outputs(&self, inputs: &HeadInputs, geometry: &[ViewGeometry]) -> Result<Vec<f32>> {
+        let features = geometry.first().and_then(|view| view.features.as_ref());
+        let (schema, channels) = features.map_or(("none", 0), |map| (map.schema(), map.channels()));
+        let expected = self.head.config().image;
+        if schema != self.features || image_features(channels) != expected {
+            return Err(Error::OtherFeatures {
+                weights: self.name.clone(),
+                expected: self.features.clone(),
+                found: schema.to_owned(),
+            });
+        }
+        let outputs = self.head.run(&inputs.as_inputs())?;
+        match outputs.iter().position(|output| !output.is_finite()) {
+            Some(at) => Err(Error::OutputNotFinite { weights: self.name.clone(), anchor: at / OUTPUTS }),
+            None => Ok(outputs),
+        }
+    }
+}
