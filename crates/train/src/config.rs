@@ -69,9 +69,6 @@ impl Config {
             let found = format!("learning_rate {learning_rate}, last {last}, clip {clip}");
             return refuse("rates", found, "learning_rate between 0 and 1, last from 0 to 1, clip above 0");
         }
-        if self.allocation == Allocation::PixelAligned && self.neighbours > 0 && high < 1.0 {
-            return Ok(());
-        }
         Ok(())
     }
 }
