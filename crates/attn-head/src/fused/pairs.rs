@@ -12,8 +12,8 @@ pub(super) type ByHead = [Row; HEADS];
 /// Two rows of an anchor side by side: key and value, or what their gradients are made from.
 pub(super) type TwoRows = [f32; 2 * WIDTH];
 
-/// Sums of this many terms at a time: one 512-bit or two 256-bit registers.
-const LANES: usize = 16;
+/// Terms at a time: a 256-bit register.
+const LANES: usize = 8;
 
 /// The anchors that one loop goes over, and all that they may look at.
 #[derive(Debug, Clone, Copy)]
@@ -70,24 +70,23 @@ impl Scratch {
         out: &mut [[f32; HEADS]],
     ) {
         for ((hidden, &j), out) in self.hidden.iter().zip(&self.index).zip(out) {
-            let row = of(j);
-            let mut sums = [[0.0_f32; LANES]; HEADS];
-            for (c, sums) in sums.iter_mut().enumerate() {
-                for at in (0..HEAD_WIDTH).step_by(LANES) {
-                    for (l, sum) in sums.iter_mut().enumerate() {
-                        let d = c * HEAD_WIDTH + at + l;
-                        *sum = mul_add::<FMA>(row[d], along_row[d], *sum);
-                    }
+            // Four chains of sums in registers: arrays of arrays would not be kept there.
+            let [mut a, mut b, mut c, mut d] = [[0.0; LANES]; HEADS];
+            let rows = lanes(hidden).iter().zip(lanes(&along_hidden[0])).zip(lanes(&along_hidden[1]));
+            let rows = rows.zip(lanes(&along_hidden[2])).zip(lanes(&along_hidden[3]));
+            for ((((h, along_a), along_b), along_c), along_d) in rows {
+                a = add_product::<FMA>(h, along_a, a);
+                b = add_product::<FMA>(h, along_b, b);
+                c = add_product::<FMA>(h, along_c, c);
+                d = add_product::<FMA>(h, along_d, d);
+            }
+            let parts = of(j).as_chunks::<HEAD_WIDTH>().0.iter().zip(along_row.as_chunks::<HEAD_WIDTH>().0);
+            for ((part, along), sum) in parts.zip([&mut a, &mut b, &mut c, &mut d]) {
+                for (part, along) in part.as_chunks().0.iter().zip(along.as_chunks().0) {
+                    *sum = add_product::<FMA>(part, along, *sum);
                 }
             }
-            for at in (0..WIDTH).step_by(LANES) {
-                for c in 0..HEADS {
-                    for l in 0..LANES {
-                        sums[c][l] = mul_add::<FMA>(hidden[at + l], along_hidden[c][at + l], sums[c][l]);
-                    }
-                }
-            }
-            *out = sums.map(total);
+            *out = [a, b, c, d].map(total);
         }
     }
 
@@ -296,9 +295,20 @@ fn softmax<const FMA: bool>(logits: &mut [[f32; HEADS]]) {
     }
 }
 
+/// A row in registers' widths.
+#[inline(always)]
+fn lanes(row: &Row) -> &[[f32; LANES]] {
+    row.as_chunks().0
+}
+
+/// sum + a b, lane by lane.
+#[inline(always)]
+fn add_product<const FMA: bool>(a: &[f32; LANES], b: &[f32; LANES], sum: [f32; LANES]) -> [f32; LANES] {
+    std::array::from_fn(|l| mul_add::<FMA>(a[l], b[l], sum[l]))
+}
+
 #[inline(always)]
 fn total(lanes: [f32; LANES]) -> f32 {
-    let eight: [f32; 8] = std::array::from_fn(|l| lanes[l] + lanes[l + 8]);
-    let four: [f32; 4] = std::array::from_fn(|l| eight[l] + eight[l + 4]);
+    let four: [f32; 4] = std::array::from_fn(|l| lanes[l] + lanes[l + 4]);
     (four[0] + four[2]) + (four[1] + four[3])
 }
