@@ -20,6 +20,7 @@ mod page;
 mod picture;
 mod plot;
 mod report;
+mod training_plot;
 
 pub use error::{Error, Result};
 pub use figures::{
@@ -35,4 +36,5 @@ pub use render::{Rendered, render_ellipsoids, render_view};
 pub use report::{PictureLimits, Report};
 pub use simulated::{SIMULATED_SIZE, SimulatedScene, simulated_window};
 pub use table::{Table, count, decibel, figures_table, number};
+pub use training_plot::training_plot;
 pub use window::{Outcome, Step, Window, reconstruct_window, run_window};

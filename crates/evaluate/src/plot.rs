@@ -6,9 +6,9 @@ use plotters::prelude::*;
 use std::error::Error;
 
 /// Width and height, pixels.
-const SIZE: (u32, u32) = (820, 460);
+pub(crate) const SIZE: (u32, u32) = (820, 460);
 /// Colours that are told apart by people who do not see red and green (Okabe & Ito).
-const COLOURS: [RGBColor; 7] = [
+pub(crate) const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),

@@ -1,6 +1,7 @@
 //! The `sparsesplat` command: posed photographs in, a compact set of 3D Gaussians out, and the figures that say how good
 //! they are. The only place that prints.
 
+mod ablate;
 mod arguments;
 mod bench;
 mod check_data;
@@ -39,6 +40,7 @@ Start here:
   sparsesplat reconstruct PHOTOS -o scene.ply              your own photographs, posed
   sparsesplat render scene.ply --cameras PHOTOS -o out     pictures of a scene
   sparsesplat eval --dataset nerfstudio --root PHOTOS      how good is it?
+  sparsesplat train -o run                                 a head of your own, from photographs or simulated scenes
   sparsesplat check-data PHOTOS                            is something wrong with the data?
 
 Exit codes: 0 done, 1 failed at work, 2 wrong arguments or wrong input.";
@@ -50,6 +52,7 @@ enum Command {
     Render(render::Arguments),
     Eval(eval::Arguments),
     Train(train::Arguments),
+    Ablate(ablate::Arguments),
     Simulate(simulate::Arguments),
     CheckData(check_data::Arguments),
     Doctor(doctor::Arguments),
@@ -81,6 +84,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Render(arguments) => render::run(arguments, common),
         Command::Eval(arguments) => eval::run(arguments, common),
         Command::Train(arguments) => train::run(arguments, common),
+        Command::Ablate(arguments) => ablate::run(arguments, common),
         Command::Simulate(arguments) => simulate::run(arguments, common),
         Command::CheckData(arguments) => check_data::run(arguments, common),
         Command::Doctor(arguments) => doctor::run(arguments, common),

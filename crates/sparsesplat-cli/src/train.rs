@@ -9,7 +9,7 @@ use crate::progress::Progress;
 use crate::summary::print_line;
 use anyhow::Context;
 use clap::Args;
-use evaluate::{Picture, Plan, Reading, Recipe, SimulatedScene, Windows};
+use evaluate::{Picture, Plan, Reading, Recipe, SimulatedScene, Windows, training_plot};
 use gs_scene::Image;
 use scene_sim::Kind;
 use serde::Serialize;
@@ -17,7 +17,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use train::{Cases, Config, Record, Score, Trainer};
+use train::{Cases, Config, Score, Trainer};
 
 /// Trains a head on a frozen backbone, through the differentiable renderer
 ///
@@ -42,6 +42,26 @@ pub(crate) struct Arguments {
     /// Print the settings as they would be used, and stop
     #[arg(long)]
     print_config: bool,
+    #[command(flatten)]
+    data: Data,
+    /// Generated scenes to validate on, seeds 500, 501, ...
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 8)]
+    validation_scenes: usize,
+    /// Validate after so many steps
+    #[arg(long, value_name = "STEPS", value_parser = positive, default_value_t = 500)]
+    validate_every: usize,
+    /// Write a checkpoint after so many steps
+    #[arg(long, value_name = "STEPS", value_parser = positive, default_value_t = SAVE_EVERY)]
+    save_every: usize,
+    /// Go on from the checkpoint in --output, if there is one
+    #[arg(long)]
+    resume: bool,
+}
+
+/// What to train on.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Data to train on")]
+pub(crate) struct Data {
     /// What to train on
     #[arg(long, value_enum, default_value = "simulated")]
     dataset: Dataset,
@@ -54,26 +74,16 @@ pub(crate) struct Arguments {
     /// With simulated: seed of the first; those of `eval` begin at 0 and must stay unseen
     #[arg(long, value_name = "SEED", default_value_t = 1000)]
     first_seed: u64,
-    /// Generated scenes to validate on, seeds 500, 501, ...
-    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 8)]
-    validation_scenes: usize,
-    /// Validate after so many steps
-    #[arg(long, value_name = "STEPS", value_parser = positive, default_value_t = 500)]
-    validate_every: usize,
-    /// Write a checkpoint after so many steps
-    #[arg(long, value_name = "STEPS", value_parser = positive, default_value_t = 50)]
-    save_every: usize,
     /// Size of the pictures
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "240x160")]
     size: (usize, usize),
     /// Where windows and what the backbone says of them are kept
     #[arg(long, value_name = "DIR", default_value = "train-cache")]
     cache: PathBuf,
-    /// Go on from the checkpoint in --output, if there is one
-    #[arg(long)]
-    resume: bool,
 }
 
+/// Steps between two checkpoints: some minutes' work at most is lost.
+const SAVE_EVERY: usize = 50;
 /// Densities that are validated.
 const DENSITIES: [f64; 2] = [0.02, 0.1];
 /// First seed of the scenes to validate on.
@@ -94,94 +104,131 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     let folder = arguments.output.as_deref().unwrap_or(Path::new("."));
     output::check_folder(folder)?;
-    output::check_folder(&arguments.cache)?;
-    let predict = sparsesplat::Config::default();
-    let plans = plans(arguments)?;
-    let validation = simulated(VALIDATION_SEED, arguments.validation_scenes, arguments.size);
-    let cases = |plans: &[Plan]| {
-        let progress = Progress::new(plans.len());
-        progress.say("preparing windows");
-        Cases::open(plans, &predict, &arguments.cache, &mut |_, _| progress.step()).or_work()
-    };
-    let (cases, validation) = (cases(&plans)?, cases(&validation)?);
+    let data = &arguments.data;
+    let cases = data.cases(&data.plans()?)?;
+    let validation = data.cases(&simulated(VALIDATION_SEED, arguments.validation_scenes, data.size))?;
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
-
     let rasterizer = device::rasterizer(common.device)?;
-    let steps = config.steps;
-    let recipe = Recipe::of_this_run(config.seed, crate::threads(), config.clone());
     let mut trainer = Trainer::new(config, cases, rasterizer).or_work()?;
-    let checkpoint = folder.join("checkpoint.safetensors");
-    let log = folder.join("log.jsonl");
-    if arguments.resume && checkpoint.exists() {
-        trainer.resume(&checkpoint).or_input()?;
-        print_line(&format!("resumed    after step {}", trainer.steps()));
-    }
-    let mut log = Log::open(&log, trainer.steps(), &recipe)?;
-    let progress = Progress::new(steps);
-    progress.set(trainer.steps());
+    let run = Run {
+        folder,
+        validation: Some((&validation, arguments.validate_every)),
+        save_every: arguments.save_every,
+        resume: arguments.resume,
+    };
     let begin = Instant::now();
-    let (mut psnr, mut loss) = (f64::NAN, f64::NAN);
-    while trainer.steps() < steps {
-        let record = trainer.step().or_work()?;
-        let mean = |mean: f64, new: f64| if mean.is_nan() { new } else { mean + 0.02 * (new - mean) };
-        (psnr, loss) = (mean(psnr, record.psnr), mean(loss, record.loss));
-        progress.step();
-        progress.say(format!(
-            "loss {loss:.4}, {psnr:.2} dB, {:.2} s per step, {} skipped",
-            record.seconds,
-            trainer.skipped()
-        ));
-        log.step(&record)?;
-        let done = trainer.steps() == steps;
-        if trainer.steps().is_multiple_of(arguments.validate_every) || done {
-            let scores = validate(&trainer, &validation, folder)?;
-            let line = scores.iter().map(|score| {
-                let Score { density, psnr, psnr_closed_form } = score;
-                format!("{density}: {psnr:.2} dB ({:+.2})", psnr - psnr_closed_form)
-            });
-            progress.line(&format!("step {}: held-out at density {}", trainer.steps(), line.collect::<Vec<_>>().join(", ")));
-            log.write(&Validation { step: trainer.steps(), validation: scores })?;
-        }
-        if trainer.steps().is_multiple_of(arguments.save_every) || done {
-            log.flush()?;
-            trainer.save(&checkpoint).or_work()?;
-            trainer.weights().write(&folder.join("weights.safetensors")).or_work()?;
-        }
-    }
-    drop(progress);
-    print_line(&format!("trained    {} steps, {} skipped, {:.0} s", trainer.steps(), trainer.skipped(), begin.elapsed().as_secs_f64()));
-    print_line(&format!("weights    {}", folder.join("weights.safetensors").display()));
+    run.complete(&mut trainer)?;
+    let (steps, skipped, seconds) = (trainer.steps(), trainer.skipped(), begin.elapsed().as_secs_f64());
+    print_line(&format!("trained    {steps} steps, {skipped} skipped, {seconds:.0} s"));
+    print_line(&format!("weights    {}", run.weights().display()));
     Ok(())
 }
 
-fn config(path: Option<&Path>) -> Outcome<Config> {
+/// Where a run keeps its files, and how often it looks up.
+pub(crate) struct Run<'a> {
+    pub(crate) folder: &'a Path,
+    /// Held-out windows, and the steps between two looks at them.
+    pub(crate) validation: Option<(&'a Cases, usize)>,
+    pub(crate) save_every: usize,
+    pub(crate) resume: bool,
+}
+
+impl Run<'_> {
+    /// The weights.
+    pub(crate) fn weights(&self) -> PathBuf {
+        self.folder.join("weights.safetensors")
+    }
+
+    /// All steps that are left.
+    pub(crate) fn complete(&self, trainer: &mut Trainer) -> Outcome {
+        let checkpoint = self.folder.join("checkpoint.safetensors");
+        if self.resume && checkpoint.exists() {
+            trainer.resume(&checkpoint).or_input()?;
+            print_line(&format!("resumed    after step {}", trainer.steps()));
+        }
+        let config = trainer.config().clone();
+        let recipe = Recipe::of_this_run(config.seed, crate::threads(), config.clone());
+        let log_path = self.folder.join("log.jsonl");
+        let mut log = Log::open(&log_path, trainer.steps(), &recipe)?;
+        let progress = Progress::new(config.steps);
+        progress.set(trainer.steps());
+        let (mut psnr, mut loss) = (f64::NAN, f64::NAN);
+        while trainer.steps() < config.steps {
+            let record = trainer.step().or_work()?;
+            let mean = |mean: f64, new: f64| if mean.is_nan() { new } else { mean + 0.02 * (new - mean) };
+            (psnr, loss) = (mean(psnr, record.psnr), mean(loss, record.loss));
+            progress.step();
+            progress.say(format!(
+                "loss {loss:.4}, {psnr:.2} dB, {:.2} s per step, {} skipped",
+                record.seconds,
+                trainer.skipped()
+            ));
+            log.write(&record)?;
+            let (step, done) = (trainer.steps(), trainer.steps() == config.steps);
+            if let Some((cases, every)) = self.validation
+                && (step.is_multiple_of(every) || done)
+            {
+                let scores = validate(trainer, cases, self.folder)?;
+                let line = scores.iter().map(|score| {
+                    let Score { density, psnr, psnr_closed_form } = score;
+                    format!("{density}: {psnr:.2} dB ({:+.2})", psnr - psnr_closed_form)
+                });
+                let line = line.collect::<Vec<_>>().join(", ");
+                progress.line(&format!("step {step}: held-out at density {line}"));
+                log.write(&Validation { step, validation: scores })?;
+            }
+            if step.is_multiple_of(self.save_every) || done {
+                log.flush()?;
+                trainer.save(&checkpoint).or_work()?;
+                trainer.weights().write(&self.weights()).or_work()?;
+                output::write_text(&self.folder.join("curve.svg"), &log.curve()?)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Data {
+    /// Windows with what the backbone says of them, from the cache or made.
+    pub(crate) fn cases(&self, plans: &[Plan]) -> Outcome<Cases> {
+        output::check_folder(&self.cache)?;
+        let progress = Progress::new(plans.len());
+        progress.say("preparing windows");
+        let predict = sparsesplat::Config::default();
+        Cases::open(plans, &predict, &self.cache, &mut |_, _| progress.step()).or_work()
+    }
+
+    /// The windows that are asked for.
+    pub(crate) fn plans(&self) -> Outcome<Vec<Plan>> {
+        if self.dataset == Dataset::Simulated {
+            return Ok(simulated(self.first_seed, self.scenes, self.size));
+        }
+        let Some(root) = &self.root else {
+            let explanation = self.dataset.explanation();
+            return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
+        };
+        let reading = Reading { format: self.dataset.format(root), size: Some(self.size), depth_hint: false };
+        let (plans, dropped) =
+            Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
+        for dropped in dropped {
+            eprintln!("warning: dropped {}: {}", dropped.name, dropped.reason);
+        }
+        Ok(plans)
+    }
+}
+
+/// Settings from a file; what it leaves out is as in the default.
+pub(crate) fn config(path: Option<&Path>) -> Outcome<Config> {
     let Some(path) = path else { return Ok(Config::default()) };
     let text = fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_input()?;
     let options = ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
     options.from_str(&text).with_context(|| path.display().to_string()).or_input()
 }
 
-fn simulated(first: u64, count: usize, size: (usize, usize)) -> Vec<Plan> {
+/// Generated scenes from a seed on.
+pub(crate) fn simulated(first: u64, count: usize, size: (usize, usize)) -> Vec<Plan> {
     let of = |seed| Plan::simulated(SimulatedScene::Generated(Kind::of_seed(seed), seed), size);
     (first..first + count as u64).map(of).collect()
-}
-
-fn plans(arguments: &Arguments) -> Outcome<Vec<Plan>> {
-    if arguments.dataset == Dataset::Simulated {
-        return Ok(simulated(arguments.first_seed, arguments.scenes, arguments.size));
-    }
-    let Some(root) = &arguments.root else {
-        let explanation = arguments.dataset.explanation();
-        return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
-    };
-    let reading =
-        Reading { format: arguments.dataset.format(root), size: Some(arguments.size), depth_hint: false };
-    let (plans, dropped) =
-        Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
-    for dropped in dropped {
-        eprintln!("warning: dropped {}: {}", dropped.name, dropped.reason);
-    }
-    Ok(plans)
 }
 
 /// Scores at all densities; pictures at the first: photograph, head and closed form, one row per scene.
@@ -241,13 +288,28 @@ impl Log {
         Ok(Self(file, path.to_path_buf()))
     }
 
-    fn step(&mut self, record: &Record) -> Outcome {
-        self.write(record)
-    }
-
     fn write(&mut self, value: &impl Serialize) -> Outcome {
         let line = serde_json::to_string(value).or_work()? + "\n";
         self.0.write_all(line.as_bytes()).with_context(|| format!("{}: cannot write", self.1.display())).or_work()
+    }
+
+    /// What is logged so far as a plot.
+    fn curve(&self) -> Outcome<String> {
+        let text = fs::read_to_string(&self.1).with_context(|| format!("{}: cannot read", self.1.display())).or_work()?;
+        let lines: Vec<serde_json::Value> =
+            text.lines().map(serde_json::from_str).collect::<Result<_, _>>().or_work()?;
+        let number = |value: &serde_json::Value, key: &str| value.get(key).and_then(serde_json::Value::as_f64);
+        let steps = lines.iter().filter_map(|line| Some((number(line, "step")?, number(line, "loss")?)));
+        let mut curves = vec![];
+        for density in DENSITIES {
+            let gain = |line: &serde_json::Value| {
+                let scores = line.get("validation")?.as_array()?;
+                let score = scores.iter().find(|score| number(score, "density") == Some(density))?;
+                Some((number(line, "step")?, number(score, "psnr")? - number(score, "psnr_closed_form")?))
+            };
+            curves.push((format!("density {density}"), lines.iter().filter_map(gain).collect()));
+        }
+        Ok(training_plot(&steps.collect::<Vec<_>>(), &curves))
     }
 
     fn flush(&mut self) -> Outcome {

@@ -136,6 +136,12 @@ impl Trainer {
         checkpoint::write(path, &progress, &self.weights, &self.adam)
     }
 
+    /// The settings.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
     /// Steps done.
     #[must_use]
     pub fn steps(&self) -> usize {

@@ -1,0 +1,284 @@
+//! `ablate`: the paper's ablations, each row trained alike.
+
+use crate::arguments::{Common, gaussians, positive};
+use crate::failure::{OrFail, Outcome};
+use crate::progress::{Progress, describe};
+use crate::summary::{print, print_line};
+use crate::train::{Data, Run, config, simulated};
+use crate::{device, output, threads};
+use attn_head::Kind;
+use clap::{Args, ValueEnum};
+use evaluate::{Dropped, Event, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table, Windows, evaluate};
+use serde::Serialize;
+use sparsesplat::{Allocation, Budget, Head};
+use std::path::PathBuf;
+use train::{Config, Trainer};
+
+/// The paper's ablations: each row is trained alike and measured on views that no row was trained on
+///
+/// Rows are trained one after the other into --output and go on where they were broken off. The paper's figures, of another data
+/// set and some hundred times the training, stand beside ours: what is to be compared is the order.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    sparsesplat ablate head -o ablation --steps 1000\n  \
+    sparsesplat ablate neighbours -o ablation --steps 1000 --root photographs --json neighbours.json\n\n\
+    Rows that differ in nothing from those of another ablation are trained once: they share a folder in --output.")]
+pub(crate) struct Arguments {
+    /// What is varied
+    #[arg(value_enum)]
+    what: What,
+    /// Folder for the rows' checkpoints and weights
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Settings that all rows share
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Steps that each row is trained for [default: as the settings say]
+    #[arg(long, value_name = "N", value_parser = positive)]
+    steps: Option<usize>,
+    /// Seeds of the training; a table row each
+    #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "0")]
+    training_seeds: Vec<u64>,
+    /// Seeds of the sampling, for the spread
+    #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "0,1,2")]
+    seeds: Vec<u64>,
+    /// Gaussians at which rows are measured
+    #[arg(long, value_name = "COUNT", value_parser = gaussians, default_value = "40k")]
+    gaussians: usize,
+    /// Generated scenes to measure on, seeds 0, 1, ...
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 8)]
+    evaluation_scenes: usize,
+    /// Photographs to measure on as well: folder of a scene, or of several
+    #[arg(long, value_name = "DIR")]
+    photographs: Option<PathBuf>,
+    #[command(flatten)]
+    data: Data,
+}
+
+/// What is varied.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum What {
+    /// Which pixels become anchors: entropy, random, Laplacian
+    Sampling,
+    /// How many neighbours an anchor sees: 0, 5, 10, 20, 30
+    Neighbours,
+    /// What gathers them: edge convolution, MLP, max pooling, attention
+    Head,
+}
+
+/// A row: its name, how it differs, and the paper's PSNR and SSIM (none where its training failed).
+struct Row {
+    name: &'static str,
+    vary: fn(&mut Config),
+    paper: Option<(f64, f64)>,
+}
+
+impl What {
+    fn rows(self) -> Vec<Row> {
+        let row = |name, paper, vary| Row { name, vary, paper };
+        match self {
+            Self::Sampling => vec![
+                row("entropy", Some((22.36, 0.718)), |c| c.allocation = Allocation::Entropy),
+                row("random", Some((21.50, 0.696)), |c| c.allocation = Allocation::Random),
+                row("laplacian", Some((21.95, 0.705)), |c| c.allocation = Allocation::Laplacian),
+            ],
+            Self::Neighbours => vec![
+                row("K=0", Some((21.53, 0.683)), |c| c.neighbours = 0),
+                row("K=5", Some((22.23, 0.713)), |c| c.neighbours = 5),
+                row("K=10", Some((22.34, 0.717)), |c| c.neighbours = 10),
+                row("K=20", Some((22.36, 0.718)), |c| c.neighbours = 20),
+                row("K=30", Some((22.38, 0.718)), |c| c.neighbours = 30),
+            ],
+            Self::Head => vec![
+                row("edge-conv", Some((20.78, 0.664)), |c| c.head = Kind::EdgeConv),
+                row("mlp", Some((21.47, 0.683)), |c| c.head = Kind::Mlp),
+                row("max-pool", None, |c| c.head = Kind::MaxPool),
+                row("attention", Some((22.36, 0.718)), |c| c.head = Kind::Attention),
+            ],
+        }
+    }
+}
+
+/// A row as measured on one set of scenes.
+#[derive(Serialize)]
+struct Measured {
+    row: String,
+    training_seed: u64,
+    scenes: &'static str,
+    head: Kind,
+    neighbours: usize,
+    allocation: Allocation,
+    steps: usize,
+    steps_skipped: usize,
+    gaussians: f64,
+    psnr_held_out: f64,
+    ssim_held_out: f64,
+    spread: Option<Spread>,
+    psnr_closed_form: f64,
+    psnr_paper: Option<f64>,
+    ssim_paper: Option<f64>,
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record<'a, C> {
+    recipe: &'a Recipe<C>,
+    protocol: &'static str,
+    rows: &'a [Measured],
+    dropped: &'a [Dropped],
+}
+
+/// The settings in the recipe.
+#[derive(Serialize)]
+struct Settings<'a> {
+    what: What,
+    training: &'a Config,
+    seeds: &'a [u64],
+    gaussians: usize,
+    data_sha256: &'a str,
+}
+
+pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    let mut base = config(arguments.config.as_deref())?;
+    base.steps = arguments.steps.unwrap_or(base.steps);
+    output::check_folder(&arguments.output)?;
+    let cases = arguments.data.cases(&arguments.data.plans()?)?;
+    let mut sets = vec![("simulated", simulated(0, arguments.evaluation_scenes, SIMULATED_SIZE))];
+    let mut dropped = Vec::new();
+    if let Some(root) = &arguments.photographs {
+        let reading = Reading { format: None, size: None, depth_hint: true };
+        let (plans, unread) =
+            Plan::below(root, Windows { views: 6, along: None }, reading).map_err(crate::failure::Failure::sorted)?;
+        sets.push(("photographs", plans));
+        dropped.extend(unread);
+    }
+    let mut rows = Vec::new();
+    for row in arguments.what.rows() {
+        for &seed in &arguments.training_seeds {
+            let mut config = Config { seed, ..base.clone() };
+            (row.vary)(&mut config);
+            let head = serde_json::to_value(config.head).or_work()?;
+            let allocation = serde_json::to_value(config.allocation).or_work()?;
+            let name = format!("{}-{}-k{}-seed{seed}", text(&head), text(&allocation), config.neighbours);
+            let folder = arguments.output.join(name);
+            output::check_folder(&folder)?;
+            print_line(&format!("training   {} (seed {seed}), {} steps", row.name, config.steps));
+            let run = Run { folder: &folder, validation: None, save_every: 50, resume: true };
+            let mut trainer =
+                Trainer::new(config.clone(), cases.clone(), device::rasterizer(common.device)?).or_work()?;
+            run.complete(&mut trainer)?;
+            let trained = Trained { row: &row, config, skipped: trainer.skipped(), weights: run.weights() };
+            for (scenes, plans) in &sets {
+                rows.push(trained.measure(scenes, plans, arguments, common, &mut dropped)?);
+            }
+        }
+    }
+    print(&table(&rows).to_text());
+    let settings = Settings {
+        what: arguments.what,
+        training: &base,
+        seeds: &arguments.seeds,
+        gaussians: arguments.gaussians,
+        data_sha256: cases.sha256(),
+    };
+    let recipe = Recipe::of_this_run(base.seed, threads(), settings);
+    if let Some(path) = &common.json {
+        let record = Record { recipe: &recipe, protocol: evaluate::PROTOCOL, rows: &rows, dropped: &dropped };
+        output::write_json(path, &record)?;
+    }
+    match dropped.iter().filter(|dropped| dropped.failed).count() {
+        0 => Ok(()),
+        n => Err(crate::failure::Failure::work(format!("{n} windows were dropped and are not in the means"))),
+    }
+}
+
+fn text(value: &serde_json::Value) -> &str {
+    value.as_str().unwrap_or("unnamed")
+}
+
+/// A row after its training.
+struct Trained<'a> {
+    row: &'a Row,
+    config: Config,
+    skipped: usize,
+    weights: PathBuf,
+}
+
+impl Trained<'_> {
+    fn measure(
+        &self,
+        scenes: &'static str,
+        plans: &[Plan],
+        arguments: &Arguments,
+        common: &Common,
+        dropped: &mut Vec<Dropped>,
+    ) -> Outcome<Measured> {
+        let with = |head: Head| sparsesplat::Config {
+            head,
+            neighbours: self.config.neighbours,
+            allocation: self.config.allocation,
+            budget: Budget::Gaussians(arguments.gaussians),
+            ..sparsesplat::Config::default()
+        };
+        let mut rasterizer = device::rasterizer(common.device)?;
+        let progress = Progress::new(2 * plans.len() * arguments.seeds.len());
+        let mut figures = |head: Head| {
+            let method = Method::feed_forward(with(head));
+            let mut running = String::new();
+            evaluate(plans, &method, &arguments.seeds, &mut rasterizer, &mut |event| match event {
+                Event::Run { name, seed } => running = format!("{}: {name} (seed {seed})", self.row.name),
+                Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
+                Event::Done { .. } => progress.step(),
+                Event::Dropped(dropped) => {
+                    progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
+                }
+                _ => {}
+            })
+        };
+        let learned = figures(Head::Weights(self.weights.clone()));
+        let closed = figures(Head::ClosedForm);
+        dropped.extend(learned.dropped);
+        Ok(Measured {
+            row: self.row.name.to_owned(),
+            training_seed: self.config.seed,
+            scenes,
+            head: self.config.head,
+            neighbours: self.config.neighbours,
+            allocation: self.config.allocation,
+            steps: self.config.steps,
+            steps_skipped: self.skipped,
+            gaussians: learned.mean.figures.gaussians,
+            psnr_held_out: learned.mean.figures.psnr_held_out,
+            ssim_held_out: learned.mean.figures.ssim_held_out,
+            spread: learned.mean.spread,
+            psnr_closed_form: closed.mean.figures.psnr_held_out,
+            psnr_paper: self.row.paper.map(|(psnr, _)| psnr),
+            ssim_paper: self.row.paper.map(|(_, ssim)| ssim),
+        })
+    }
+}
+
+fn table(rows: &[Measured]) -> Table {
+    let head =
+        ["row", "seed", "scenes", "PSNR", "spread", "SSIM", "closed form", "skipped", "paper PSNR", "paper SSIM"];
+    let mut table = Table::new(&head, 3);
+    for row in rows {
+        let or_fail = |value: Option<f64>, digits: usize| {
+            value.map_or_else(|| "fail".to_owned(), |value| format!("{value:.digits$}"))
+        };
+        table.push(vec![
+            row.row.clone(),
+            row.training_seed.to_string(),
+            row.scenes.to_owned(),
+            format!("{:.2}", row.psnr_held_out),
+            row.spread.as_ref().map_or_else(|| "-".to_owned(), |spread| format!("{:.3}", spread.psnr_held_out)),
+            format!("{:.3}", row.ssim_held_out),
+            format!("{:.2}", row.psnr_closed_form),
+            row.steps_skipped.to_string(),
+            or_fail(row.psnr_paper, 2),
+            or_fail(row.ssim_paper, 3),
+        ]);
+    }
+    table
+}
