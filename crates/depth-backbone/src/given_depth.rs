@@ -45,7 +45,9 @@ impl DepthBackbone for GivenDepth {
                 let cost = vec![0.0; confidence.len()];
                 let features = match wanted {
                     Wanted::Depth => None,
-                    Wanted::DepthAndFeatures => Some(features::bank(view, &depth, &confidence, &cost)?.with_schema(Self::SCHEMA)),
+                    Wanted::DepthAndFeatures => {
+                        Some(features::bank(view, &depth, &confidence, &cost)?.with_schema(Self::SCHEMA))
+                    }
                 };
                 Ok(ViewGeometry { depth, confidence, features })
             })

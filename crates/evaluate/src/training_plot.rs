@@ -29,7 +29,11 @@ fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
     low - margin..high + margin
 }
 
-fn draw(svg: &mut String, loss: &[(f64, f64)], gains: &[(String, Vec<(f64, f64)>)]) -> Result<(), Box<dyn Error>> {
+fn draw(
+    svg: &mut String,
+    loss: &[(f64, f64)],
+    gains: &[(String, Vec<(f64, f64)>)],
+) -> Result<(), Box<dyn Error>> {
     let finite = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
         points.iter().copied().filter(|(step, value)| step.is_finite() && value.is_finite()).collect()
     };
@@ -62,7 +66,8 @@ fn draw(svg: &mut String, loss: &[(f64, f64)], gains: &[(String, Vec<(f64, f64)>
             .draw()?;
         Ok::<_, Box<dyn Error>>(chart)
     };
-    let style = |i: usize| ShapeStyle { color: COLOURS[i % COLOURS.len()].to_rgba(), filled: true, stroke_width: 2 };
+    let style =
+        |i: usize| ShapeStyle { color: COLOURS[i % COLOURS.len()].to_rgba(), filled: true, stroke_width: 2 };
     let mut upper = panel(0, range(loss.iter().map(|p| p.1)), "loss, means of 50 steps")?;
     upper.draw_series(LineSeries::new(loss.iter().copied(), style(0)))?;
     let values = gains.iter().flat_map(|(_, points)| points).map(|p| p.1).chain([0.0]);
@@ -93,7 +98,10 @@ mod tests {
     #[test]
     fn there_is_a_line_per_density_and_a_mark_per_validation() {
         let loss: Vec<(f64, f64)> = (1..=120).map(|step| (f64::from(step), 1.0 / f64::from(step))).collect();
-        let gains = [("density 0.02".to_owned(), vec![(50.0, 0.4), (100.0, 0.8)]), ("density 0.1".to_owned(), vec![])];
+        let gains = [
+            ("density 0.02".to_owned(), vec![(50.0, 0.4), (100.0, 0.8)]),
+            ("density 0.1".to_owned(), vec![]),
+        ];
         let svg = training_plot(&loss, &gains);
         assert!(svg.trim_end().ends_with("</svg>"));
         assert!(svg.contains("density 0.02") && svg.contains("density 0.1") && svg.contains("steps"));

@@ -8,7 +8,9 @@ use crate::train::{Data, Run, config, simulated};
 use crate::{device, output, threads};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
-use evaluate::{Dropped, Event, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table, Windows, evaluate};
+use evaluate::{
+    Dropped, Event, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table, Windows, evaluate,
+};
 use serde::Serialize;
 use sparsesplat::{Allocation, Budget, Head};
 use std::path::PathBuf;
@@ -148,8 +150,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut dropped = Vec::new();
     if let Some(root) = &arguments.photographs {
         let reading = Reading { format: None, size: None, depth_hint: true };
-        let (plans, unread) =
-            Plan::below(root, Windows { views: 6, along: None }, reading).map_err(crate::failure::Failure::sorted)?;
+        let (plans, unread) = Plan::below(root, Windows { views: 6, along: None }, reading)
+            .map_err(crate::failure::Failure::sorted)?;
         sets.push(("photographs", plans));
         dropped.extend(unread);
     }
@@ -260,8 +262,18 @@ impl Trained<'_> {
 }
 
 fn table(rows: &[Measured]) -> Table {
-    let head =
-        ["row", "seed", "scenes", "PSNR", "spread", "SSIM", "closed form", "skipped", "paper PSNR", "paper SSIM"];
+    let head = [
+        "row",
+        "seed",
+        "scenes",
+        "PSNR",
+        "spread",
+        "SSIM",
+        "closed form",
+        "skipped",
+        "paper PSNR",
+        "paper SSIM",
+    ];
     let mut table = Table::new(&head, 3);
     for row in rows {
         let or_fail = |value: Option<f64>, digits: usize| {
@@ -272,7 +284,9 @@ fn table(rows: &[Measured]) -> Table {
             row.training_seed.to_string(),
             row.scenes.to_owned(),
             format!("{:.2}", row.psnr_held_out),
-            row.spread.as_ref().map_or_else(|| "-".to_owned(), |spread| format!("{:.3}", spread.psnr_held_out)),
+            row.spread
+                .as_ref()
+                .map_or_else(|| "-".to_owned(), |spread| format!("{:.3}", spread.psnr_held_out)),
             format!("{:.3}", row.ssim_held_out),
             format!("{:.2}", row.psnr_closed_form),
             row.steps_skipped.to_string(),

@@ -17,7 +17,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use train::{Cases, Config, Score, Trainer};
+use train::{Cases, Config, Look, Score, Trainer};
 
 /// Trains a head on a frozen backbone, through the differentiable renderer
 ///
@@ -180,7 +180,7 @@ impl Run<'_> {
             if step.is_multiple_of(self.save_every) || done {
                 log.flush()?;
                 trainer.save(&checkpoint).or_work()?;
-                trainer.weights().write(&self.weights()).or_work()?;
+                trainer.weights().write(self.weights()).or_work()?;
                 output::write_text(&self.folder.join("curve.svg"), &log.curve()?)?;
             }
         }
@@ -220,7 +220,8 @@ impl Data {
 /// Settings from a file; what it leaves out is as in the default.
 pub(crate) fn config(path: Option<&Path>) -> Outcome<Config> {
     let Some(path) = path else { return Ok(Config::default()) };
-    let text = fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_input()?;
+    let text =
+        fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_input()?;
     let options = ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
     options.from_str(&text).with_context(|| path.display().to_string()).or_input()
 }
@@ -236,9 +237,9 @@ fn validate(trainer: &Trainer, cases: &Cases, folder: &Path) -> Outcome<Vec<Scor
     let mut rows: Vec<(String, Image)> = Vec::new();
     let mut scores = Vec::new();
     for density in DENSITIES {
-        let mut look = |scene: &str, view: &gs_scene::View, pictures: [&[f32]; 2]| {
-            if density == DENSITIES[0] && rows.last().is_none_or(|(name, _)| name != scene) {
-                rows.push((scene.to_owned(), side_by_side(view.image(), pictures)));
+        let mut look = |look: Look| {
+            if density == DENSITIES[0] && rows.last().is_none_or(|(name, _)| name != look.scene) {
+                rows.push((look.scene.to_owned(), side_by_side(look)));
             }
         };
         scores.push(trainer.validate(cases, density, &mut look).or_work()?);
@@ -255,10 +256,12 @@ fn validate(trainer: &Trainer, cases: &Cases, folder: &Path) -> Outcome<Vec<Scor
     Ok(scores)
 }
 
-fn side_by_side(photograph: &Image, pictures: [&[f32]; 2]) -> Image {
+fn side_by_side(look: Look) -> Image {
+    let photograph = look.photograph.image();
     let (width, height) = (photograph.width(), photograph.height());
     let row = |y: usize| {
-        [photograph.data(), pictures[0], pictures[1]].into_iter().flat_map(move |data| &data[y * width * 3..][..width * 3])
+        let pictures = [photograph.data(), look.learned, look.closed_form];
+        pictures.into_iter().flat_map(move |data| &data[y * width * 3..][..width * 3])
     };
     let data = (0..height).flat_map(row).copied().collect();
     Image::new(3 * width, height, data).expect("three pictures of one size")
@@ -290,15 +293,21 @@ impl Log {
 
     fn write(&mut self, value: &impl Serialize) -> Outcome {
         let line = serde_json::to_string(value).or_work()? + "\n";
-        self.0.write_all(line.as_bytes()).with_context(|| format!("{}: cannot write", self.1.display())).or_work()
+        self.0
+            .write_all(line.as_bytes())
+            .with_context(|| format!("{}: cannot write", self.1.display()))
+            .or_work()
     }
 
     /// What is logged so far as a plot.
     fn curve(&self) -> Outcome<String> {
-        let text = fs::read_to_string(&self.1).with_context(|| format!("{}: cannot read", self.1.display())).or_work()?;
+        let text = fs::read_to_string(&self.1)
+            .with_context(|| format!("{}: cannot read", self.1.display()))
+            .or_work()?;
         let lines: Vec<serde_json::Value> =
             text.lines().map(serde_json::from_str).collect::<Result<_, _>>().or_work()?;
-        let number = |value: &serde_json::Value, key: &str| value.get(key).and_then(serde_json::Value::as_f64);
+        let number =
+            |value: &serde_json::Value, key: &str| value.get(key).and_then(serde_json::Value::as_f64);
         let steps = lines.iter().filter_map(|line| Some((number(line, "step")?, number(line, "loss")?)));
         let mut curves = vec![];
         for density in DENSITIES {

@@ -111,7 +111,8 @@ pub fn anchor(
         per_view.iter().for_each(|(_, part)| base.append(part));
         Ok::<_, Error>((per_view.into_iter().flat_map(|(cells, _)| cells).collect::<Vec<Cell>>(), base))
     })?;
-    let spacing = cells.iter().zip(&anchors.footprints).map(|(cell, width)| width * cell.area.sqrt()).collect();
+    let spacing =
+        cells.iter().zip(&anchors.footprints).map(|(cell, width)| width * cell.area.sqrt()).collect();
     let counts = Counts {
         total: base.len() + shell.len(),
         per_view: ranges.iter().map(ExactSizeIterator::len).collect(),

@@ -38,7 +38,9 @@ pub enum Error {
         found: usize,
     },
     /// Weights that were trained on the features of another backbone.
-    #[error("{weights}: trained on features {expected:?}, the backbone gives {found:?}: use weights trained with it, or the closed-form head")]
+    #[error(
+        "{weights}: trained on features {expected:?}, the backbone gives {found:?}: use weights trained with it, or the closed-form head"
+    )]
     OtherFeatures {
         /// The weights.
         weights: String,
@@ -48,7 +50,9 @@ pub enum Error {
         found: String,
     },
     /// A head that gives NaN or infinity.
-    #[error("{weights}: an output for anchor {anchor} is not finite: the weights are of no use on these photographs")]
+    #[error(
+        "{weights}: an output for anchor {anchor} is not finite: the weights are of no use on these photographs"
+    )]
     OutputNotFinite {
         /// The weights.
         weights: String,

@@ -19,10 +19,10 @@ mod cells;
 mod closed_form;
 mod shell;
 
+pub use anchored::{Anchored, anchor};
 pub use config::{Allocation, Backbone, Budget, Config, Head};
 pub use depth_backbone::{DepthRange, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};
-pub use anchored::{Anchored, anchor};
 pub use predict::{geometry, predict};
 pub use prediction::{Counts, ExposureGain, Prediction, Stage, StageSeconds};

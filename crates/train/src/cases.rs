@@ -74,10 +74,8 @@ impl Cases {
         let mut files = Vec::with_capacity(plans.len());
         let mut all = Sha256::new();
         for (i, plan) in plans.iter().enumerate() {
-            let settings = sparsesplat::Config {
-                depth_range: plan.depth_range(predict.depth_range),
-                ..predict.clone()
-            };
+            let settings =
+                sparsesplat::Config { depth_range: plan.depth_range(predict.depth_range), ..predict.clone() };
             let (described, loaded) = match plan.description() {
                 Some(description) => (description, None),
                 None => {
@@ -162,7 +160,8 @@ impl Case {
             rotation: view.camera().rotation(),
             translation: view.camera().translation(),
         };
-        let features = |geometry: &ViewGeometry| geometry.features.as_ref().map(FeatureMap::schema).map(str::to_owned);
+        let features =
+            |geometry: &ViewGeometry| geometry.features.as_ref().map(FeatureMap::schema).map(str::to_owned);
         let header = Header {
             name: self.name.clone(),
             context: self.context.iter().map(posed).collect(),
@@ -188,7 +187,12 @@ impl Case {
             let (width, height) = (geometry.depth.width(), geometry.depth.height());
             let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
             let shape = vec![height, width];
-            tensors.push((format!("context.{i}.depth"), Dtype::F32, shape.clone(), bytes(geometry.depth.data())));
+            tensors.push((
+                format!("context.{i}.depth"),
+                Dtype::F32,
+                shape.clone(),
+                bytes(geometry.depth.data()),
+            ));
             tensors.push((format!("context.{i}.confidence"), Dtype::F32, shape, bytes(&geometry.confidence)));
             if let Some(map) = &geometry.features {
                 let half = map.data().iter().flat_map(|&v| f16::from_f32(v).to_le_bytes()).collect();
@@ -200,7 +204,10 @@ impl Case {
         let views = tensors
             .iter()
             .map(|(name, dtype, shape, data)| {
-                Ok((name.as_str(), TensorView::new(*dtype, shape.clone(), data).map_err(|e| broken(e.to_string()))?))
+                Ok((
+                    name.as_str(),
+                    TensorView::new(*dtype, shape.clone(), data).map_err(|e| broken(e.to_string()))?,
+                ))
             })
             .collect::<Result<Vec<_>>>()?;
         let header = serde_json::to_string(&header).map_err(|e| broken(e.to_string()))?;
@@ -221,7 +228,11 @@ impl Case {
         let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
         let tensor = |name: String, dtype: Dtype| -> std::result::Result<&[u8], String> {
             let found = tensors.tensor(&name).map_err(|e| format!("{name}: {e}"))?;
-            if found.dtype() == dtype { Ok(found.data()) } else { Err(format!("{name}: {:?}", found.dtype())) }
+            if found.dtype() == dtype {
+                Ok(found.data())
+            } else {
+                Err(format!("{name}: {:?}", found.dtype()))
+            }
         };
         let floats = |name: String| -> std::result::Result<Vec<f32>, String> {
             let (values, _) = tensor(name, Dtype::F32)?.as_chunks::<4>();
@@ -230,8 +241,8 @@ impl Case {
         let views = |kind: &str, posed: &[Posed]| -> std::result::Result<Vec<View>, String> {
             let view = |(i, posed): (usize, &Posed)| {
                 let bytes = tensor(format!("{kind}.{i}.image"), Dtype::U8)?;
-                let image =
-                    Image::from_rgb8(posed.lens.width, posed.lens.height, bytes).map_err(|e| e.to_string())?;
+                let image = Image::from_rgb8(posed.lens.width, posed.lens.height, bytes)
+                    .map_err(|e| e.to_string())?;
                 let camera =
                     Camera::new(posed.lens, posed.rotation, posed.translation).map_err(|e| e.to_string())?;
                 View::new(posed.name.clone(), image, camera, None).map_err(|e| e.to_string())
@@ -254,7 +265,8 @@ impl Case {
                 .with_schema(header.schema.clone());
             Ok(ViewGeometry { depth, confidence, features: Some(map) })
         };
-        let geometry = context.iter().enumerate().map(geometry).collect::<std::result::Result<_, String>>()?;
+        let geometry =
+            context.iter().enumerate().map(geometry).collect::<std::result::Result<_, String>>()?;
         Ok(Self {
             name: header.name,
             targets: views("targets", &header.targets)?,

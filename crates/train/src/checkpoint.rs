@@ -25,7 +25,8 @@ pub(crate) struct Progress {
 pub(crate) fn write(path: &Path, progress: &Progress, weights: &[f32], adam: &Adam) -> Result<()> {
     let broken = |problem: String| Error::Broken { path: path.to_path_buf(), problem };
     let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
-    let tensors = [("weights", bytes(weights)), ("first", bytes(&adam.first)), ("second", bytes(&adam.second))];
+    let tensors =
+        [("weights", bytes(weights)), ("first", bytes(&adam.first)), ("second", bytes(&adam.second))];
     let views = tensors
         .iter()
         .map(|(name, data)| Ok((*name, TensorView::new(Dtype::F32, vec![weights.len()], data)?)))
@@ -49,7 +50,11 @@ pub(crate) fn read(path: &Path, numbers: usize) -> Result<(Progress, Vec<f32>, A
             let found = tensors.tensor(name).map_err(|e| e.to_string())?;
             let (values, rest) = found.data().as_chunks::<4>();
             if found.dtype() != Dtype::F32 || values.len() != numbers || !rest.is_empty() {
-                return Err(format!("{name}: {:?} {:?}, expected {numbers} f32", found.dtype(), found.shape()));
+                return Err(format!(
+                    "{name}: {:?} {:?}, expected {numbers} f32",
+                    found.dtype(),
+                    found.shape()
+                ));
             }
             Ok(values.iter().map(|&v| f32::from_le_bytes(v)).collect())
         };

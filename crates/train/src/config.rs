@@ -55,7 +55,11 @@ impl Config {
         let refuse = |setting, found: String, expected| Err(Error::Setting { setting, found, expected });
         let [low, high] = self.density;
         if !(low > 0.0 && low <= high && high <= 1.0) {
-            return refuse("density", format!("{low} to {high}"), "two shares above 0 and up to 1, smaller first");
+            return refuse(
+                "density",
+                format!("{low} to {high}"),
+                "two shares above 0 and up to 1, smaller first",
+            );
         }
         if self.batch == 0 || self.targets + self.contexts == 0 {
             let found = format!("batch {}, {} targets, {} contexts", self.batch, self.targets, self.contexts);

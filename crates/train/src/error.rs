@@ -49,7 +49,7 @@ pub enum Error {
     },
     /// Windows cannot be loaded.
     #[error(transparent)]
-    Evaluate(#[from] evaluate::Error),
+    Evaluate(Box<evaluate::Error>),
     /// The pipeline before the head fails.
     #[error(transparent)]
     Predict(#[from] sparsesplat::Error),
@@ -77,3 +77,9 @@ pub enum Error {
 
 /// This crate's result.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl From<evaluate::Error> for Error {
+    fn from(error: evaluate::Error) -> Self {
+        Self::Evaluate(Box::new(error))
+    }
+}

@@ -15,4 +15,4 @@ pub use adam::Rates;
 pub use cases::{Case, Cases};
 pub use config::Config;
 pub use error::{Error, Result};
-pub use trainer::{Record, Score, Trainer};
+pub use trainer::{Look, Record, Score, Trainer};

@@ -47,8 +47,12 @@ impl Loss {
         }
         let mut loss = f64::from(1.0 - self.lambda) * square / n;
         if let (Some(structure), true) = (&self.structure, loss.is_finite()) {
-            let share =
-                structure.loss_with_gradient(rendering, self.lambda, &mut by_rendering, &mut SsimScratch::default())?;
+            let share = structure.loss_with_gradient(
+                rendering,
+                self.lambda,
+                &mut by_rendering,
+                &mut SsimScratch::default(),
+            )?;
             loss += f64::from(self.lambda) * share;
         }
         Ok(Compared { loss, clipped_mse: clipped / n, by_rendering })

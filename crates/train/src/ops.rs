@@ -108,7 +108,8 @@ impl CustomOp1 for Render {
             .map_err(candle_core::Error::wrap)?;
         let by_geometry = gradients.geometry.chunks_exact(Gaussians::GEOMETRY);
         let by_sh = gradients.sh.chunks_exact(ROW - Gaussians::GEOMETRY);
-        let by_rows: Vec<f32> = by_geometry.zip(by_sh).flat_map(|(g, s)| g.iter().chain(s)).copied().collect();
+        let by_rows: Vec<f32> =
+            by_geometry.zip(by_sh).flat_map(|(g, s)| g.iter().chain(s)).copied().collect();
         Ok(Some(Tensor::from_vec(by_rows, rows.shape(), rows.device())?))
     }
 }

@@ -148,7 +148,7 @@ impl Decoder {
         let (sh, _) = sh.as_chunks_mut::<3>();
         let (change, _) = change[8..35].as_chunks::<3>();
         sh[0] = std::array::from_fn(|c| self.base.sh()[anchor * 3 + c] + change[0][c]);
-        self.rotate_sh[view].to_world(&change[1..], &mut sh[1..]);
+        self.rotate_sh[view].turn(&change[1..], &mut sh[1..]);
     }
 
     /// Derivatives of a loss by the head's outputs, `[n, 38]`, from those by the Gaussians that [`Decoder::decode`]
@@ -162,15 +162,17 @@ impl Decoder {
         assert_eq!(outputs.len(), self.len() * OUTPUTS, "outputs of the head");
         assert_eq!((geometry.len(), sh.len()), (self.len() * WIDTH, self.len() * SH), "derivatives");
         let mut by_outputs = vec![0.0; outputs.len()];
-        by_outputs.par_chunks_mut(CHUNK * OUTPUTS).zip(outputs.par_chunks(CHUNK * OUTPUTS)).enumerate().for_each(
-            |(chunk, (by_outputs, outputs))| {
+        by_outputs
+            .par_chunks_mut(CHUNK * OUTPUTS)
+            .zip(outputs.par_chunks(CHUNK * OUTPUTS))
+            .enumerate()
+            .for_each(|(chunk, (by_outputs, outputs))| {
                 let rows = by_outputs.chunks_exact_mut(OUTPUTS).zip(outputs.chunks_exact(OUTPUTS));
                 for ((by_outputs, outputs), anchor) in rows.zip(chunk * CHUNK..) {
                     let geometry = &geometry[anchor * WIDTH..][..WIDTH];
                     self.row_backward(anchor, outputs, geometry, &sh[anchor * SH..][..SH], by_outputs);
                 }
-            },
-        );
+            });
         by_outputs
     }
 
@@ -180,8 +182,10 @@ impl Decoder {
         by[1..4].copy_from_slice(&geometry[LOG_SCALE]);
         // The product is linear in its second factor: with the first one's conjugate it is transposed.
         let base = &self.base.geometry()[anchor * Gaussians::GEOMETRY..][QUATERNION];
-        let by_turn =
-            product([base[0], -base[1], -base[2], -base[3]], std::array::from_fn(|i| geometry[QUATERNION.start + i]));
+        let by_turn = product(
+            [base[0], -base[1], -base[2], -base[3]],
+            std::array::from_fn(|i| geometry[QUATERNION.start + i]),
+        );
         by[4..8].copy_from_slice(&by_turn);
         let camera = self.rotations[view];
         for row in 0..3 {

@@ -86,7 +86,13 @@ impl HeadInputs {
                 let rows = geometric.chunks_exact_mut(GEOMETRY_FEATURES);
                 let rows = rows.zip(image.chunks_exact_mut(image_features(channels)));
                 for ((row, image), i) in rows.zip(chunk * CHUNK..) {
-                    row.copy_from_slice(&geometric_features(anchored, i, &neighbours[i * k..][..k], views, geometry));
+                    row.copy_from_slice(&geometric_features(
+                        anchored,
+                        i,
+                        &neighbours[i * k..][..k],
+                        views,
+                        geometry,
+                    ));
                     let (features, colour) = image.split_at_mut(channels);
                     features.copy_from_slice(&anchors.features[i * channels..][..channels]);
                     colour.copy_from_slice(&anchored.cells[i].colour);

@@ -42,8 +42,7 @@ impl RotateSh {
         let basis = matrices();
         let first = |n: usize, m: usize| VECTORS[n].dot(rotation.transpose() * VECTORS[m]) as f32;
         let turned = basis.map(|matrix| rotation.transpose() * matrix * rotation);
-        let second =
-            |n: usize, m: usize| (dot(&turned[m], &basis[n]) / dot(&basis[n], &basis[n])) as f32;
+        let second = |n: usize, m: usize| (dot(&turned[m], &basis[n]) / dot(&basis[n], &basis[n])) as f32;
         Self {
             first: std::array::from_fn(|n| std::array::from_fn(|m| first(n, m))),
             second: std::array::from_fn(|n| std::array::from_fn(|m| second(n, m))),
@@ -51,24 +50,19 @@ impl RotateSh {
     }
 
     /// Coefficients `[8][rgb]` of degrees 1 and 2 in the world's axes from those in the camera's.
-    pub(super) fn to_world(&self, camera: &[[f32; 3]], world: &mut [[f32; 3]]) {
+    pub(super) fn turn(&self, camera: &[[f32; 3]], world: &mut [[f32; 3]]) {
         apply(&self.first, false, &camera[..3], &mut world[..3]);
         apply(&self.second, false, &camera[3..], &mut world[3..]);
     }
 
-    /// The derivative of [`RotateSh::to_world`]: the transposed maps.
+    /// The derivative of [`RotateSh::turn`]: the transposed maps.
     pub(super) fn backward(&self, world: &[[f32; 3]], camera: &mut [[f32; 3]]) {
         apply(&self.first, true, &world[..3], &mut camera[..3]);
         apply(&self.second, true, &world[3..], &mut camera[3..]);
     }
 }
 
-fn apply<const N: usize>(
-    map: &[[f32; N]; N],
-    transposed: bool,
-    from: &[[f32; 3]],
-    to: &mut [[f32; 3]],
-) {
+fn apply<const N: usize>(map: &[[f32; N]; N], transposed: bool, from: &[[f32; 3]], to: &mut [[f32; 3]]) {
     for n in 0..N {
         to[n] = std::array::from_fn(|channel| {
             (0..N).map(|m| if transposed { map[m][n] } else { map[n][m] } * from[m][channel]).sum()
@@ -113,7 +107,7 @@ mod tests {
             let rotation = DMat3::from_axis_angle(axis, angle);
             let rotate = RotateSh::new(rotation);
             let mut world = [[0.0; 3]; 8];
-            rotate.to_world(&values.map(|v| [v, -v, 0.5 * v]), &mut world);
+            rotate.turn(&values.map(|v| [v, -v, 0.5 * v]), &mut world);
             let value = |coefficients: &mut dyn Iterator<Item = f32>, d: DVec3| -> f64 {
                 coefficients.zip(basis(d)).map(|(c, b)| f64::from(c) * b).sum()
             };
@@ -130,7 +124,7 @@ mod tests {
             let rotate = RotateSh::new(DMat3::from_axis_angle(axis, angle));
             let (a, b) = (a.map(|v| [v; 3]), b.map(|v| [v; 3]));
             let (mut forward, mut backward) = ([[0.0; 3]; 8], [[0.0; 3]; 8]);
-            rotate.to_world(&a, &mut forward);
+            rotate.turn(&a, &mut forward);
             rotate.backward(&b, &mut backward);
             let product = |a: &[[f32; 3]], b: &[[f32; 3]]| -> f32 {
                 a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| a * b).sum()

@@ -29,7 +29,8 @@ pub(super) fn support(
     geometry: &[ViewGeometry],
 ) -> Support {
     let mut support = Support::default();
-    for (view, geometry) in views.iter().zip(geometry).enumerate().filter(|(i, _)| *i != own).map(|(_, v)| v) {
+    for (view, geometry) in views.iter().zip(geometry).enumerate().filter(|(i, _)| *i != own).map(|(_, v)| v)
+    {
         let camera = view.camera();
         let Some(pixel) = camera.project(point).filter(|&pixel| camera.contains(pixel)) else { continue };
         let (x, y) = (pixel.x as usize, pixel.y as usize);
