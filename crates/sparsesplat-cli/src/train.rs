@@ -8,6 +8,7 @@ use crate::output;
 use crate::progress::Progress;
 use crate::summary::print_line;
 use anyhow::Context;
+use attn_head::Weights;
 use clap::Args;
 use evaluate::{Picture, Plan, Reading, Recipe, SimulatedScene, Windows, training_plot};
 use gs_scene::Image;
@@ -39,6 +40,9 @@ pub(crate) struct Arguments {
     /// Settings of the training
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Begin with these weights instead of drawn ones
+    #[arg(long, value_name = "FILE")]
+    from: Option<PathBuf>,
     /// Print the settings as they would be used, and stop
     #[arg(long)]
     print_config: bool,
@@ -110,6 +114,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
     let rasterizer = device::rasterizer(common.device)?;
     let mut trainer = Trainer::new(config, cases, rasterizer).or_work()?;
+    if let Some(path) = &arguments.from {
+        let weights = Weights::read(path).or_input()?;
+        trainer.start_from(&weights).with_context(|| path.display().to_string()).or_input()?;
+    }
     let run = Run {
         folder,
         validation: Some((&validation, arguments.validate_every)),

@@ -19,7 +19,6 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
     on_stage(Stage::Backbone);
     let (mut geometry, depth_range) = timed(&mut seconds.backbone, || geometry(views, config, wanted))?;
     let anchored = anchor(views, &geometry, depth_range.1, config, &mut seconds, on_stage)?;
-    on_stage(Stage::Head);
     let made = timed(&mut seconds.head, || {
         head.as_ref().map(|head| head.gaussians(&anchored, &geometry)).transpose()
     })?;

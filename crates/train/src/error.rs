@@ -47,6 +47,14 @@ pub enum Error {
         /// What differs.
         what: &'static str,
     },
+    /// Weights to begin with that are of another head.
+    #[error("weights of {found}, expected {expected}")]
+    OtherHead {
+        /// The head that is to be trained.
+        expected: String,
+        /// The head that the weights are of.
+        found: String,
+    },
     /// Windows cannot be loaded.
     #[error(transparent)]
     Evaluate(Box<evaluate::Error>),

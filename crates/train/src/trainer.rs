@@ -12,7 +12,7 @@ use candle_core::{Device, Tensor, Var};
 use gs_raster::{Rasterizer, RenderSettings, near_plane};
 use gs_scene::View;
 use serde::Serialize;
-use sparsesplat::learned::{GEOMETRY_FEATURES, image_features};
+use sparsesplat::learned::{FEATURES, GEOMETRY_FEATURES, image_features};
 use sparsesplat::{Anchored, Budget, StageSeconds, anchor};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -116,6 +116,22 @@ impl Trainer {
         })
     }
 
+    /// Begins with the weights of an earlier run instead of drawn ones.
+    ///
+    /// # Errors
+    /// If they are of a head of another shape, or were trained on other features.
+    pub fn start_from(&mut self, weights: &Weights) -> Result<()> {
+        let features = weights.metadata.get(FEATURES).map_or("", String::as_str);
+        if weights.config != self.net.config() || features != self.schema {
+            return Err(Error::OtherHead {
+                expected: format!("{:?}, features {:?}", self.net.config(), self.schema),
+                found: format!("{:?}, features {features:?}", weights.config),
+            });
+        }
+        self.weights.clone_from(&weights.values);
+        Ok(())
+    }
+
     /// Goes on where a checkpoint was written.
     ///
     /// # Errors
@@ -170,7 +186,7 @@ impl Trainer {
     /// The head as it is.
     #[must_use]
     pub fn weights(&self) -> Weights {
-        let metadata = BTreeMap::from([("features".to_owned(), self.schema.clone())]);
+        let metadata = BTreeMap::from([(FEATURES.to_owned(), self.schema.clone())]);
         Weights { config: self.net.config(), values: self.weights.clone(), metadata }
     }
 
@@ -324,113 +340,5 @@ fn settings(anchored: &Anchored, view: &View) -> RenderSettings {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use attn_head::Kind;
-    use evaluate::{Plan, SimulatedScene};
-    use sparsesplat::Backbone;
-
-    fn trainer(config: Config, cache: &Path) -> Trainer {
-        let plans = [Plan::simulated(SimulatedScene::Courtyard, (48, 32))];
-        let predict =
-            sparsesplat::Config { backbone: Backbone::GivenDepth, ..sparsesplat::Config::default() };
-        let cases = Cases::open(&plans, &predict, cache, &mut |_, _| {}).unwrap();
-        Trainer::new(config, cases, Rasterizer::cpu()).unwrap()
-    }
-
-    /// The chain head, decoder, renderer, loss: its derivative against central differences, along the derivative
-    /// itself (where the slope is largest against the rounding of the pictures) and along that of the last layer alone.
-    #[test]
-    fn the_gradient_of_the_chain_is_that_of_differences() {
-        let cache = tempfile::tempdir().unwrap();
-        // The others have maxima, whose derivative jumps.
-        for kind in [Kind::Attention, Kind::Mlp] {
-            let density = [0.02, 0.02];
-            let config = Config { head: kind, neighbours: 6, density, lambda: 0.1, ..Config::default() };
-            let mut trainer = trainer(config, cache.path());
-            // Away from the start, where the last layer is 0 and hides the others.
-            let recipe = Weights::recipe(trainer.net.config(), "chain").unwrap();
-            trainer.weights = recipe.values.iter().map(|w| 0.5 * w).collect();
-            let found = trainer.pass(0).unwrap();
-            assert!(found.gaussians > 100 && found.loss.is_finite());
-            let last = trainer.weights.len() - 128 * 38;
-            for from in [0, last] {
-                let direction: Vec<f32> = found
-                    .gradient
-                    .iter()
-                    .enumerate()
-                    .map(|(i, g)| if i >= from { *g } else { 0.0 })
-                    .collect();
-                let slope = length(&direction);
-                assert!(slope > 0.0);
-                let at = trainer.weights.clone();
-                let mut value = |by: f64| {
-                    let step = (by / slope) as f32;
-                    trainer.weights = at.iter().zip(&direction).map(|(w, d)| w + step * d).collect();
-                    trainer.pass(0).unwrap().loss
-                };
-                let step = 2e-3;
-                let differences = (value(step) - value(-step)) / (2.0 * step);
-                trainer.weights = at;
-                // Footprints end where they become too faint: a step the derivative does not know of.
-                assert!((differences / slope - 1.0).abs() < 0.02, "{kind:?} {from}: {differences} {slope}");
-            }
-        }
-    }
-
-    #[test]
-    fn what_is_not_finite_is_skipped_and_counted() {
-        let cache = tempfile::tempdir().unwrap();
-        let mut trainer =
-            trainer(Config { density: [0.02, 0.02], batch: 1, ..Config::default() }, cache.path());
-        let sound = trainer.weights.clone();
-        trainer.weights[7] = f32::NAN;
-        let broken = trainer.weights.clone();
-        let record = trainer.step().unwrap();
-        assert!(record.skipped && trainer.skipped() == 1 && trainer.steps() == 1);
-        assert!(trainer.weights.iter().zip(&broken).all(|(a, b)| a.to_bits() == b.to_bits()));
-        trainer.weights = sound;
-        assert!(!trainer.step().unwrap().skipped);
-        assert_eq!((trainer.skipped(), trainer.steps(), trainer.adam.updates), (1, 2, 1));
-    }
-
-    #[test]
-    fn an_untrained_head_is_the_closed_form() {
-        let cache = tempfile::tempdir().unwrap();
-        let trainer = trainer(Config::default(), cache.path());
-        let score = trainer.validate(&trainer.cases, 0.05, &mut |_| {}).unwrap();
-        assert!((score.psnr - score.psnr_closed_form).abs() < 1e-6, "{score:?}");
-        assert!(score.psnr > 10.0, "{score:?}");
-    }
-
-    #[test]
-    fn a_run_that_is_resumed_ends_with_the_same_weights() {
-        let folder = tempfile::tempdir().unwrap();
-        let config = Config { steps: 4, density: [0.02, 0.05], ..Config::default() };
-        let mut unbroken = trainer(config.clone(), folder.path());
-        while unbroken.steps() < 4 {
-            unbroken.step().unwrap();
-        }
-        let checkpoint = folder.path().join("checkpoint.safetensors");
-        for _ in 0..2 {
-            let mut run = trainer(config.clone(), folder.path());
-            if checkpoint.exists() {
-                run.resume(&checkpoint).unwrap();
-            }
-            for _ in 0..2 {
-                run.step().unwrap();
-            }
-            run.save(&checkpoint).unwrap();
-        }
-        let mut resumed = trainer(config.clone(), folder.path());
-        resumed.resume(&checkpoint).unwrap();
-        assert_eq!((resumed.steps(), &resumed.weights), (4, &unbroken.weights));
-        assert_ne!(resumed.weights, trainer(config.clone(), folder.path()).weights, "something was learnt");
-
-        let mut other = trainer(Config { seed: 1, ..config }, folder.path());
-        assert!(matches!(other.resume(&checkpoint), Err(Error::OtherRun { what: "configuration", .. })));
-        let bytes = std::fs::read(&checkpoint).unwrap();
-        std::fs::write(&checkpoint, &bytes[..bytes.len() / 2]).unwrap();
-        assert!(matches!(other.resume(&checkpoint), Err(Error::Broken { .. })));
-    }
-}
+#[path = "trainer_tests.rs"]
+mod tests;
