@@ -37,18 +37,8 @@ Checks for developers:
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 10] = [
-    "demo",
-    "reconstruct",
-    "render",
-    "eval",
-    "train",
-    "ablate",
-    "simulate",
-    "check-data",
-    "doctor",
-    "bench",
-];
+const FORWARDED: [&str; 10] =
+    ["demo", "reconstruct", "render", "eval", "train", "ablate", "simulate", "check-data", "doctor", "bench"];
 
 fn main() -> ExitCode {
     let root =
@@ -122,16 +112,7 @@ const CI: [Step; 11] = [
     ),
     Step::Cargo(
         "clippy with peers and networks",
-        &[
-            "clippy",
-            "--workspace",
-            "--features",
-            EXTRAS,
-            "--all-targets",
-            "--",
-            "-D",
-            "warnings",
-        ],
+        &["clippy", "--workspace", "--features", EXTRAS, "--all-targets", "--", "-D", "warnings"],
         &[],
     ),
     Step::Cargo("test", &["xtask", "test", "--gpu", "--features", EXTRAS], &SAME_CASES),
