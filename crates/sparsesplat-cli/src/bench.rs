@@ -4,6 +4,7 @@ mod backproject;
 mod bandwidth;
 mod cpu;
 mod entropy;
+mod head;
 mod knn;
 mod measure;
 mod random;
@@ -29,6 +30,7 @@ enum Which {
     Knn(knn::Arguments),
     Entropy(entropy::Arguments),
     Backproject(backproject::Arguments),
+    Head(head::Arguments),
     Raster(raster::Arguments),
 }
 
@@ -37,6 +39,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         Some(Which::Knn(arguments)) => knn::run(arguments, common),
         Some(Which::Entropy(arguments)) => entropy::run(arguments, common),
         Some(Which::Backproject(arguments)) => backproject::run(arguments, common),
+        Some(Which::Head(arguments)) => head::run(arguments, common),
         Some(Which::Raster(arguments)) => raster::run(arguments, common),
         None => {
             list();

@@ -135,9 +135,32 @@ fn the_renderer_has_a_row_for_every_case() {
 }
 
 #[test]
+fn the_head_has_rows_for_both_forms_and_for_training() {
+    let (table, found) = bench("head", &["--counts", "40,90", "--neighbours", "5", "--plain-up-to", "50"]);
+    let labels = labels(&found["rows"], "head", false);
+    let expected = [
+        ("candle", "matrix product"),
+        ("ours", "forward"),
+        ("ours", "training"),
+        ("ours-naive", "forward"),
+        ("ours", "forward"),
+        ("ours", "training"),
+    ];
+    assert_eq!(labels.iter().map(|(a, b)| (&**a, &**b)).collect::<Vec<_>>(), expected);
+    let rates = found["rates"].as_array().unwrap();
+    assert_eq!(rates.len(), 5);
+    for rate in rates {
+        let number = |key: &str| rate[key].as_f64().unwrap();
+        assert!(number("flop") > 1e6 && number("flop_per_second") > 0.0 && number("share") > 0.0, "{rate}");
+    }
+    assert!(found["rows"][3]["times_ours"].as_f64().unwrap() > 0.0);
+    assert!(table.contains("GFLOP/s"), "{table}");
+}
+
+#[test]
 fn bench_lists_what_there_is_and_refuses_the_rest() {
     let list = call(&["bench"]).succeeded().stdout;
-    for name in ["knn ", "entropy ", "backproject ", "raster "] {
+    for name in ["knn ", "entropy ", "backproject ", "head ", "raster "] {
         assert!(list.lines().any(|line| line.starts_with(name)), "{name}: {list}");
     }
     for arguments in [
@@ -153,6 +176,7 @@ fn bench_lists_what_there_is_and_refuses_the_rest() {
         &["bench", "backproject", "--anchors", "0"],
         &["bench", "backproject", "--anchors", "601", "--size", "10x10"],
         &["bench", "backproject", "--size", "10x0"],
+        &["bench", "head", "--counts", "0"],
         &["bench", "raster", "--counts", "0"],
         &["bench", "raster", "--counts", "many"],
         &["bench", "raster", "--runs", "0"],

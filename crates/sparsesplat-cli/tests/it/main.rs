@@ -8,3 +8,4 @@ mod devices;
 mod hostile;
 mod jobs;
 mod tiny;
+mod training;

@@ -1,0 +1,99 @@
+//! Training and its ablations, as short as they get, and what other commands do with the weights.
+
+use crate::tiny::{Called, call, read_json};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Values of the tensors of a safetensors file: what comes after its header.
+fn values(path: &Path) -> Vec<u8> {
+    let bytes = fs::read(path).unwrap();
+    let header = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    bytes[8 + header..].to_vec()
+}
+
+#[test]
+fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let config = at("short.ron");
+    fs::write(&config, "(steps: 3, batch: 1, density: (0.05, 0.1), neighbours: 5, targets: 1)").unwrap();
+    let (run, cache) = (at("run"), at("cache"));
+    let train = |more: &[&str]| {
+        let shared = [
+            "train",
+            "-o",
+            text(&run),
+            "--config",
+            text(&config),
+            "--cache",
+            text(&cache),
+            "--size",
+            "96x64",
+            "--scenes",
+            "1",
+            "--validation-scenes",
+            "1",
+            "--save-every",
+            "1",
+            "--device",
+            "cpu",
+        ];
+        call(&[&shared[..], more].concat())
+    };
+    train(&[]).succeeded();
+    let whole = values(&run.join("weights.safetensors"));
+    let log = fs::read_to_string(run.join("log.jsonl")).unwrap();
+    let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(lines[0]["recipe"]["config"]["steps"] == 3);
+    assert_eq!(lines.iter().filter(|line| line["loss"].is_number()).count(), 3);
+    assert!(lines.last().unwrap()["validation"][0]["psnr"].as_f64().unwrap() > 5.0);
+    assert!(fs::read_to_string(run.join("curve.svg")).unwrap().contains("</svg>"));
+    assert!(run.join("validation/step-000003.png").exists());
+
+    // Nothing is left to do; the log is as it was.
+    train(&["--resume"]).succeeded();
+    assert_eq!(fs::read_to_string(run.join("log.jsonl")).unwrap(), log);
+    assert_eq!(values(&run.join("weights.safetensors")), whole);
+
+    // Other settings are another run.
+    fs::write(&config, "(steps: 4)").unwrap();
+    let Called { code, stderr, .. } = train(&["--resume"]);
+    assert!(code == Some(2) && stderr.contains("configuration"), "{stderr}");
+    fs::write(&config, "(stepps: 4)").unwrap();
+    let Called { code, stderr, .. } = train(&[]);
+    assert!(code == Some(2) && stderr.contains("stepps"), "{stderr}");
+
+    let weights = run.join("weights.safetensors");
+    let json = at("eval.json");
+    let eval = |weights: &Path| {
+        call(&[
+            "eval",
+            "--dataset",
+            "simulated",
+            "--size",
+            "96x64",
+            "--gaussians",
+            "500",
+            "--device",
+            "cpu",
+            "--json",
+            text(&json),
+            "--weights",
+            text(weights),
+        ])
+    };
+    eval(&weights).succeeded();
+    assert!(read_json(&json)["mean"]["psnr_held_out"].as_f64().unwrap() > 8.0);
+    let broken = at("broken.safetensors");
+    fs::write(&broken, &fs::read(&weights).unwrap()[..1000]).unwrap();
+    let Called { code, stderr, .. } = eval(&broken);
+    assert!(
+        code != Some(0) && stderr.contains("broken.safetensors") && !stderr.contains("panicked"),
+        "{stderr}"
+    );
+}
