@@ -1,5 +1,4 @@
 use super::*;
-use attn_head::Kind;
 use evaluate::{Plan, SimulatedScene};
 use sparsesplat::Backbone;
 
@@ -15,34 +14,31 @@ fn trainer(config: Config, cache: &Path) -> Trainer {
 #[test]
 fn the_gradient_of_the_chain_is_that_of_differences() {
     let cache = tempfile::tempdir().unwrap();
-    // The others have maxima, whose derivative jumps.
-    for kind in [Kind::Attention, Kind::Mlp] {
-        let density = [0.02, 0.02];
-        let config = Config { head: kind, neighbours: 6, density, lambda: 0.1, ..Config::default() };
-        let mut trainer = trainer(config, cache.path());
-        // Away from the start, where the last layer is 0 and hides the others.
-        let recipe = Weights::recipe(trainer.net.config(), "chain").unwrap();
-        trainer.weights = recipe.values.iter().map(|w| 0.5 * w).collect();
-        let found = trainer.pass(0).unwrap();
-        assert!(found.gaussians > 100 && found.loss.is_finite());
-        let last = trainer.weights.len() - 128 * 38;
-        for from in [0, last] {
-            let direction: Vec<f32> =
-                found.gradient.iter().enumerate().map(|(i, g)| if i >= from { *g } else { 0.0 }).collect();
-            let slope = length(&direction);
-            assert!(slope > 0.0);
-            let at = trainer.weights.clone();
-            let mut value = |by: f64| {
-                let step = (by / slope) as f32;
-                trainer.weights = at.iter().zip(&direction).map(|(w, d)| w + step * d).collect();
-                trainer.pass(0).unwrap().loss
-            };
-            let step = 2e-3;
-            let differences = (value(step) - value(-step)) / (2.0 * step);
-            trainer.weights = at;
-            // Footprints end where they become too faint: a step the derivative does not know of.
-            assert!((differences / slope - 1.0).abs() < 0.02, "{kind:?} {from}: {differences} {slope}");
-        }
+    let density = [0.02, 0.02];
+    let config = Config { neighbours: 6, density, lambda: 0.1, ..Config::default() };
+    let mut trainer = trainer(config, cache.path());
+    // Away from the start, where the last layer is 0 and hides the others.
+    let recipe = Weights::recipe(trainer.net.config(), "chain").unwrap();
+    trainer.weights = recipe.values.iter().map(|w| 0.5 * w).collect();
+    let found = trainer.pass(0).unwrap();
+    assert!(found.gaussians > 100 && found.loss.is_finite());
+    let last = trainer.weights.len() - 128 * 38;
+    for from in [0, last] {
+        let direction: Vec<f32> =
+            found.gradient.iter().enumerate().map(|(i, g)| if i >= from { *g } else { 0.0 }).collect();
+        let slope = length(&direction);
+        assert!(slope > 0.0);
+        let at = trainer.weights.clone();
+        let mut value = |by: f64| {
+            let step = (by / slope) as f32;
+            trainer.weights = at.iter().zip(&direction).map(|(w, d)| w + step * d).collect();
+            trainer.pass(0).unwrap().loss
+        };
+        let step = 2e-3;
+        let differences = (value(step) - value(-step)) / (2.0 * step);
+        trainer.weights = at;
+        // Footprints end where they become too faint: a step the derivative does not know of.
+        assert!((differences / slope - 1.0).abs() < 0.02, "{from}: {differences} {slope}");
     }
 }
 
