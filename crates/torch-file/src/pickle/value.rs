@@ -182,7 +182,7 @@ impl Pickle {
         }
     }
 
-    /// A text of at most [`MAX_TEXT`] bytes.
+    /// A text of at most `MAX_TEXT` bytes.
     pub fn text(&self, value: Value) -> Option<&str> {
         match value {
             Value::Text(span) if span.length as usize <= MAX_TEXT => {
