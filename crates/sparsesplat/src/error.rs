@@ -49,16 +49,6 @@ pub enum Error {
         /// Schema of the features that there are.
         found: String,
     },
-    /// A head that gives NaN or infinity.
-    #[error(
-        "{weights}: an output for anchor {anchor} is not finite: the weights are of no use on these photographs"
-    )]
-    OutputNotFinite {
-        /// The weights.
-        weights: String,
-        /// The first such anchor.
-        anchor: usize,
-    },
     /// Weights are given to a build that cannot use them.
     #[error("{weights}: this build has no learned heads: build with the feature `learned`")]
     NotBuilt {

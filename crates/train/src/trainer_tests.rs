@@ -110,3 +110,39 @@ fn a_run_may_begin_with_the_weights_of_another() {
     let mut other = trainer(Config { neighbours: 3, ..Config::default() }, folder.path());
     assert!(matches!(other.start_from(&first.weights()), Err(Error::OtherHead { .. })));
 }
+
+#[test]
+fn a_file_of_the_cache_that_is_cut_off_or_gone_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let trainer = trainer(Config::default(), folder.path());
+    let file = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
+    let bytes = std::fs::read(&file).unwrap();
+    for length in [0, 7, 100, bytes.len() / 2, bytes.len() - 1] {
+        std::fs::write(&file, &bytes[..length]).unwrap();
+        let error = trainer.cases.read(0).unwrap_err();
+        assert!(matches!(&error, Error::Broken { path, .. } if *path == file), "{length}: {error}");
+    }
+    std::fs::remove_file(&file).unwrap();
+    assert!(matches!(trainer.cases.read(0), Err(Error::Read { .. })));
+    let empty = Cases::open(&[], &sparsesplat::Config::default(), folder.path(), &mut |_, _| {});
+    assert!(matches!(empty, Err(Error::NoWindows)));
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let cases = trainer(Config::default(), folder.path()).cases;
+    let rates = crate::Rates { learning_rate: f64::NAN, ..Config::default().rates };
+    for config in [
+        Config { density: [0.0, 0.1], ..Config::default() },
+        Config { density: [0.2, 0.1], ..Config::default() },
+        Config { density: [0.1, f64::NAN], ..Config::default() },
+        Config { batch: 0, ..Config::default() },
+        Config { targets: 0, contexts: 0, ..Config::default() },
+        Config { lambda: f32::NAN, ..Config::default() },
+        Config { rates, ..Config::default() },
+    ] {
+        let refused = Trainer::new(config.clone(), cases.clone(), Rasterizer::cpu());
+        assert!(matches!(refused, Err(Error::Setting { .. })), "{config:?}");
+    }
+}

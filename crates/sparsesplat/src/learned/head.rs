@@ -2,7 +2,7 @@
 
 use super::{GEOMETRY_FEATURES, HeadInputs, image_features};
 use crate::{Anchored, Backbone, Config, Error, Result};
-use attn_head::{Head, OUTPUTS, Weights};
+use attn_head::{Head, Weights};
 use depth_backbone::ViewGeometry;
 use gs_scene::Gaussians;
 use std::path::Path;
@@ -81,10 +81,36 @@ impl LearnedHead {
                 found: schema.to_owned(),
             });
         }
-        let outputs = self.head.run(&inputs.as_inputs())?;
-        match outputs.iter().position(|output| !output.is_finite()) {
-            Some(at) => Err(Error::OutputNotFinite { weights: self.name.clone(), anchor: at / OUTPUTS }),
-            None => Ok(outputs),
-        }
+        Ok(self.head.run(&inputs.as_inputs())?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use attn_head::{Config, Kind};
+    use std::collections::BTreeMap;
+
+    fn weights(geometry: usize, features: Option<&str>) -> Weights {
+        let config = Config { kind: Kind::Attention, geometry, image: image_features(0), neighbours: 2 };
+        let features = features.map(|name| (FEATURES.to_owned(), name.to_owned()));
+        Weights { metadata: BTreeMap::from_iter(features), ..Weights::initial(config, 0).unwrap() }
+    }
+
+    #[test]
+    fn weights_that_do_not_belong_here_are_refused_by_name() {
+        let refused = |weights| LearnedHead::new(weights, "w").unwrap_err();
+        assert!(matches!(refused(weights(GEOMETRY_FEATURES, None)), Error::NoSchema { .. }));
+        let error = refused(weights(3, Some("none")));
+        assert!(matches!(error, Error::GeometryFeatures { found: 3, .. }), "{error}");
+    }
+
+    #[test]
+    fn features_of_another_backbone_are_refused_and_no_anchors_have_no_outputs() {
+        let other = LearnedHead::new(weights(GEOMETRY_FEATURES, Some("other")), "w").unwrap();
+        let error = other.outputs(&HeadInputs::default(), &[]).unwrap_err();
+        assert!(matches!(&error, Error::OtherFeatures { expected, .. } if expected == "other"), "{error}");
+        let same = LearnedHead::new(weights(GEOMETRY_FEATURES, Some("none")), "w").unwrap();
+        assert!(same.outputs(&HeadInputs::default(), &[]).unwrap().is_empty());
     }
 }
