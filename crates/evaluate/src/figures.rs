@@ -97,7 +97,7 @@ pub struct Figures {
     pub psnr_held_out: f64,
     /// Mean SSIM over the held-out targets.
     pub ssim_held_out: f64,
-    /// LPIPS is not measured by this build.
+    /// Mean LPIPS over the held-out targets, by [`crate::Evaluation::lpips_network`]; none without its weights.
     pub lpips_held_out: Option<f64>,
     /// Mean PSNR over the held-out targets and the context views.
     pub psnr_all: f64,
@@ -126,7 +126,7 @@ impl Figures {
             gaussians_shell: mean(|f| f.gaussians_shell),
             psnr_held_out: mean(|f| f.psnr_held_out),
             ssim_held_out: mean(|f| f.ssim_held_out),
-            lpips_held_out: None,
+            lpips_held_out: optional_mean(all.iter().map(|f| f.lpips_held_out)),
             psnr_all: mean(|f| f.psnr_all),
             psnr_nearest_view: mean(|f| f.psnr_nearest_view),
             psnr_held_out_feed_forward: mean(|f| f.psnr_held_out_feed_forward),
@@ -140,6 +140,12 @@ impl Figures {
 pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
     sum / f64::from(count)
+}
+
+/// Mean where every value is there; none of nothing.
+pub(crate) fn optional_mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let values: Vec<f64> = values.collect::<Option<_>>()?;
+    (!values.is_empty()).then(|| mean(values.into_iter()))
 }
 
 /// Standard deviation of a sample; `None` with fewer than two values.
@@ -158,6 +164,8 @@ pub struct Target {
     pub psnr: f64,
     /// SSIM.
     pub ssim: f64,
+    /// LPIPS; none without its weights.
+    pub lpips: Option<f64>,
     /// PSNR before refinement, dB; none if there was none.
     pub psnr_feed_forward: Option<f64>,
     /// Name of the nearest context view.

@@ -26,6 +26,7 @@ pub use error::{Error, Result};
 pub use figures::{
     CurvePoint, Dropped, Figures, MeanRow, Seconds, Spread, Target, WindowFigures, WindowRow, means,
 };
+pub use image_metrics::Lpips;
 pub use method::{Method, Refinement};
 pub use picture::{DepthScale, ERROR_GAIN, Picture};
 pub use plan::{ALONG_A_VIDEO, Choice, Plan, Reading, Windows};

@@ -4,6 +4,7 @@ use crate::figures::{Dropped, MeanRow, WindowRow, means};
 use crate::window::run_window;
 use crate::{Method, Outcome, Plan, Step, Window, hash};
 use gs_raster::Rasterizer;
+use image_metrics::Lpips;
 use serde::Serialize;
 
 /// What all tables have in common, in words.
@@ -41,6 +42,9 @@ pub enum Event<'a> {
 pub struct Evaluation {
     /// How it was measured.
     pub protocol: &'static str,
+    /// The network that LPIPS compares features of (`vgg`, the papers'; `alex`, `squeeze`): figures of different ones say
+    /// nothing about each other. None where there were no weights: LPIPS was not measured.
+    pub lpips_network: Option<&'static str>,
     /// One row per window.
     #[serde(rename = "scenes")]
     pub windows: Vec<WindowRow>,
@@ -72,7 +76,7 @@ pub struct NearestView {
 }
 
 /// Runs every window with every seed. The method's own seed is not used; its depth range is replaced by a plan's where that
-/// has one.
+/// has one. LPIPS is measured where there are weights for it.
 ///
 /// # Panics
 /// If `seeds` is empty.
@@ -80,13 +84,14 @@ pub fn evaluate(
     plans: &[Plan],
     method: &Method,
     seeds: &[u64],
+    lpips: Option<&Lpips>,
     rasterizer: &mut Rasterizer,
     on_event: &mut dyn FnMut(Event<'_>),
 ) -> Evaluation {
     assert!(!seeds.is_empty(), "an evaluation needs at least one seed");
     let (mut windows, mut dropped) = (Vec::new(), Vec::new());
     for plan in plans {
-        match run_plan(plan, method, seeds, rasterizer, on_event) {
+        match run_plan(plan, method, seeds, lpips, rasterizer, on_event) {
             Ok(row) => windows.push(row),
             Err(error) => {
                 let entry = Dropped::new(plan.name(), &error);
@@ -99,13 +104,15 @@ pub fn evaluate(
     let nearest_view = NearestView { psnr_held_out: mean.figures.psnr_nearest_view };
     let data_sha256 = hash::of_all(windows.iter().map(|window| window.data_sha256.as_str()));
     let baselines = Baselines { nearest_view };
-    Evaluation { protocol: PROTOCOL, windows, scenes, mean, baselines, dropped, data_sha256 }
+    let lpips_network = lpips.map(|lpips| lpips.network().name());
+    Evaluation { protocol: PROTOCOL, lpips_network, windows, scenes, mean, baselines, dropped, data_sha256 }
 }
 
 fn run_plan(
     plan: &Plan,
     method: &Method,
     seeds: &[u64],
+    lpips: Option<&Lpips>,
     rasterizer: &mut Rasterizer,
     on_event: &mut dyn FnMut(Event<'_>),
 ) -> crate::Result<WindowRow> {
@@ -123,7 +130,8 @@ fn run_plan(
             refine.seed = seed;
         }
         method.predict.depth_range = plan.depth_range(method.predict.depth_range);
-        let outcome = run_window(&window, &method, rasterizer, &mut |step| on_event(Event::Step(step)))?;
+        let outcome =
+            run_window(&window, &method, lpips, rasterizer, &mut |step| on_event(Event::Step(step)))?;
         on_event(Event::Done { window: &window, outcome: &outcome });
         runs.push(outcome.figures);
     }

@@ -182,12 +182,13 @@ fn targets(window: &Window, outcome: &Outcome, scale: DepthScale, limits: Pictur
     html.push_str("<span>A click enlarges a picture.</span></div>\n");
     let rows = window.targets.iter().zip(&outcome.renderings).zip(&outcome.figures.per_target);
     for ((view, rendering), target) in rows.take(shown) {
-        let Target { name, psnr, ssim, psnr_feed_forward, nearest_view, psnr_nearest_view } = target;
+        let Target { name, psnr, ssim, lpips, psnr_feed_forward, nearest_view, psnr_nearest_view } = target;
         let before = psnr_feed_forward
             .map_or(String::new(), |before| format!("; before refinement {} dB", decibel(before)));
+        let lpips = lpips.map_or(String::new(), |lpips| format!(", LPIPS {}", number(lpips, 3)));
         let _ = write!(
             html,
-            "<p class=\"target\">{} &nbsp; {} dB, SSIM {}{before} <span>(nearest photograph, {}, shown as it is: {} dB)</span></p>\n\
+            "<p class=\"target\">{} &nbsp; {} dB, SSIM {}{lpips}{before} <span>(nearest photograph, {}, shown as it is: {} dB)</span></p>\n\
              <div class=\"row four\">\n",
             escape(name),
             decibel(*psnr),

@@ -80,14 +80,27 @@ impl Table {
     }
 }
 
-/// The table of an evaluation: a row per window if `with_windows`, a row per scene, the mean.
+/// The table of an evaluation: a row per window if `with_windows`, a row per scene, the mean. The column of LPIPS names
+/// its network, or that there were no weights for one.
 #[must_use]
-pub fn figures_table(windows: &[WindowRow], scenes: &[MeanRow], mean: &MeanRow, with_windows: bool) -> Table {
+pub fn figures_table(
+    windows: &[WindowRow],
+    scenes: &[MeanRow],
+    mean: &MeanRow,
+    lpips_network: Option<&str>,
+    with_windows: bool,
+) -> Table {
     // Refined and feed-forward results never share a column.
     let refined = windows.iter().any(|window| window.seeds.iter().any(|run| run.refinement.is_some()));
     let quality: &[&str] =
         if refined { &["feed-forward PSNR", "SSIM", "refined PSNR", "SSIM"] } else { &["PSNR", "SSIM"] };
-    let head = [&["scene", "Gaussians", "shell"], quality, &["PSNR all", "nearest view", "gain", "seconds"]];
+    let lpips =
+        lpips_network.map_or_else(|| "LPIPS (no weights)".to_owned(), |network| format!("LPIPS ({network})"));
+    let head = [
+        &["scene", "Gaussians", "shell"],
+        quality,
+        &[lpips.as_str(), "PSNR all", "nearest view", "gain", "seconds"],
+    ];
     let mut table = Table::new(&head.concat(), 1);
     for scene in scenes {
         if with_windows {
@@ -123,6 +136,7 @@ fn cells(name: &str, figures: &Figures, spread: Option<Spread>, refined: bool) -
     cells.extend([
         with(decibel(figures.psnr_held_out), spread.map(|s| s.psnr_held_out), 2),
         with(number(figures.ssim_held_out, 3), spread.map(|s| s.ssim_held_out), 3),
+        number(figures.lpips_held_out.unwrap_or(f64::NAN), 3),
         decibel(figures.psnr_all),
         decibel(figures.psnr_nearest_view),
         signed(figures.psnr_held_out - figures.psnr_nearest_view),
@@ -194,12 +208,12 @@ mod tests {
         let windows = [row("a/0", &[10.0, 11.0]), row("a/1", &[20.0, 20.0]), row("b/0", &[f64::NAN, 3.0])];
         let (scenes, mean) = means(&windows);
         let names = |with_windows| -> Vec<String> {
-            let table = figures_table(&windows, &scenes, &mean, with_windows);
+            let table = figures_table(&windows, &scenes, &mean, None, with_windows);
             table.rows().iter().map(|row| row[0].clone()).collect()
         };
         assert_eq!(names(true), ["a/0", "a/1", "a (mean of 2)", "b/0", "mean of 2 scenes"]);
         assert_eq!(names(false), ["a", "b", "mean of 2 scenes"]);
-        let table = figures_table(&windows, &scenes, &mean, true);
+        let table = figures_table(&windows, &scenes, &mean, None, true);
         assert_eq!(table.rows()[0][3], "10.50 ±0.71");
         assert_eq!(table.rows()[3][3], "-");
     }

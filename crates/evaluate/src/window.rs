@@ -1,12 +1,12 @@
 //! One window: context views in, targets rendered and measured.
 
-use crate::figures::{Figures, Seconds, Target, WindowFigures, mean};
+use crate::figures::{Figures, Seconds, Target, WindowFigures, mean, optional_mean};
 use crate::method::Refinement;
 use crate::render::{Rendered, render_view};
 use crate::{Error, Method, Result};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, Image, View};
-use image_metrics::{psnr, ssim};
+use image_metrics::{Lpips, psnr, ssim};
 use sparsesplat::{Prediction, Stage};
 use std::time::Instant;
 
@@ -124,7 +124,8 @@ fn outcome(
 
 /// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are
 /// compared as they are, floats clipped to 0..1, over a black background, in the common exposure: nothing is
-/// fitted to a target. With refinement the targets are measured before it as well.
+/// fitted to a target. With refinement the targets are measured before it as well. LPIPS is measured where there are
+/// weights for it.
 ///
 /// # Errors
 /// If the views do not suffice for the settings, the scene cannot be refined, a view cannot be rendered, or
@@ -132,6 +133,7 @@ fn outcome(
 pub fn run_window(
     window: &Window,
     method: &Method,
+    lpips: Option<&Lpips>,
     rasterizer: &mut Rasterizer,
     on_step: &mut dyn FnMut(Step),
 ) -> Result<Outcome> {
@@ -165,10 +167,15 @@ pub fn run_window(
     for (i, target) in window.targets.iter().enumerate() {
         let rendered = render_timed(target)?;
         let nearest = nearest_view(target, &window.context)?;
+        let lpips = lpips.map(|lpips| {
+            let clipped = clipped(&rendered.image);
+            compare(|photograph, image| lpips.distance(photograph, image), target, &clipped)
+        });
         figures.per_target.push(Target {
             name: target.name().to_owned(),
             psnr: compare(psnr, target, &rendered.image)?,
             ssim: compare(ssim, target, &rendered.image)?,
+            lpips: lpips.transpose()?,
             psnr_feed_forward: before.get(i).map(|(psnr, _)| *psnr),
             nearest_view: nearest.name().to_owned(),
             psnr_nearest_view: compare(psnr, target, nearest.image())?,
@@ -183,6 +190,7 @@ pub fn run_window(
     let means = &mut figures.figures;
     means.psnr_held_out = mean(targets.iter().map(|target| target.psnr));
     means.ssim_held_out = mean(targets.iter().map(|target| target.ssim));
+    means.lpips_held_out = optional_mean(targets.iter().map(|target| target.lpips));
     means.psnr_held_out_feed_forward = mean(before.iter().map(|(psnr, _)| *psnr));
     means.ssim_held_out_feed_forward = mean(before.iter().map(|(_, ssim)| *ssim));
     means.psnr_all = mean(targets.iter().map(|target| target.psnr).chain(context_psnr));
@@ -194,11 +202,18 @@ pub fn run_window(
 
 /// A metric between a photograph and what should look like it.
 fn compare(
-    metric: fn(&Image, &Image) -> image_metrics::Result<f64>,
+    metric: impl Fn(&Image, &Image) -> image_metrics::Result<f64>,
     view: &View,
     image: &Image,
 ) -> Result<f64> {
     metric(view.image(), image).map_err(|source| Error::Metric { view: view.name().to_owned(), source })
+}
+
+/// Values clipped to 0..1, as a screen shows them; PSNR and SSIM clip by themselves.
+fn clipped(image: &Image) -> Image {
+    let mut clipped = image.clone();
+    clipped.data_mut().iter_mut().for_each(|value| *value = value.clamp(0.0, 1.0));
+    clipped
 }
 
 /// The context view whose camera stands closest to the target's; of equals the first.

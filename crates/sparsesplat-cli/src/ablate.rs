@@ -228,7 +228,7 @@ impl Trained<'_> {
         let mut figures = |head: Head| {
             let method = Method::feed_forward(with(head));
             let mut running = String::new();
-            evaluate(plans, &method, &arguments.seeds, &mut rasterizer, &mut |event| match event {
+            evaluate(plans, &method, &arguments.seeds, None, &mut rasterizer, &mut |event| match event {
                 Event::Run { name, seed } => running = format!("{}: {name} (seed {seed})", self.row.name),
                 Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
                 Event::Done { .. } => progress.step(),

@@ -1,7 +1,8 @@
 //! Arguments that several commands share, and how their values are read.
 
+use crate::failure::{OrFail, Outcome};
 use clap::{Args, ValueEnum};
-use evaluate::Method;
+use evaluate::{Lpips, Method};
 use refine::Stop;
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Head, Sampler};
 use std::path::PathBuf;
@@ -72,6 +73,23 @@ pub(crate) struct Pipeline {
     /// Or as many as fit into this time
     #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement")]
     pub(crate) refine_seconds: Option<f64>,
+}
+
+/// The weights of LPIPS.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct LpipsWeights {
+    /// Weights of LPIPS, which then is measured by `eval` and takes the place of 1 - SSIM in the loss of `train`: torchvision's VGG16
+    /// (the papers'), AlexNet or SqueezeNet 1.1 and the metric's linear layers, as published (.pth) or as safetensors; two files, or
+    /// one with both
+    #[arg(long = "lpips-weights", value_name = "FILE", num_args = 1..=2)]
+    files: Vec<PathBuf>,
+}
+
+impl LpipsWeights {
+    /// LPIPS, where weights are given.
+    pub(crate) fn read(&self) -> Outcome<Option<Lpips>> {
+        (!self.files.is_empty()).then(|| Lpips::read(&self.files)).transpose().or_input()
+    }
 }
 
 /// `--depth-range` as given.

@@ -66,8 +66,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let window =
         simulated_window(SimulatedScene::Courtyard, arguments.size.unwrap_or(SIMULATED_SIZE)).or_input()?;
     let simulation = begin.elapsed().as_secs_f64();
-    let mut outcome = run_window(&window, &method, &mut rasterizer, &mut |step| progress.say(describe(step)))
-        .map_err(Failure::sorted)?;
+    let mut outcome =
+        run_window(&window, &method, None, &mut rasterizer, &mut |step| progress.say(describe(step)))
+            .map_err(Failure::sorted)?;
 
     progress.say("writing");
     let begin = Instant::now();
@@ -116,7 +117,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
     let rows = [row];
     let (scenes, mean) = means(&rows);
-    print(&figures_table(&rows, &scenes, &mean, true).to_text());
+    print(&figures_table(&rows, &scenes, &mean, None, true).to_text());
     print_line(&format!(
         "simulation {simulation:.2} s for {} photographs",
         window.context.len() + window.targets.len()

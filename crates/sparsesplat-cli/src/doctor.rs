@@ -52,7 +52,10 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
         ),
         format!("SIMD       {simd_text}"),
         format!("memory     {memory}"),
-        "weights    none needed: the closed-form head has none".to_owned(),
+        "weights    a head for --backbone plane-sweep is built in; --weights takes others that `train` wrote"
+            .to_owned(),
+        "LPIPS      is measured where --lpips-weights names its files; none come along, none are looked for"
+            .to_owned(),
         "data       none needed for `demo`; other commands take folders by their path".to_owned(),
         format!(
             "self-test  {verdict}: a scene rendered on the CPU is off its closed form by {error:.1e}, {TOLERANCE:.0e} \

@@ -1,6 +1,6 @@
 //! `eval`: tables of figures on data sets.
 
-use crate::arguments::{Common, Pipeline, Range, positive, size};
+use crate::arguments::{Common, LpipsWeights, Pipeline, Range, positive, size};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
@@ -26,6 +26,7 @@ use std::path::PathBuf;
     sparsesplat eval --dataset nerfstudio --root data/fox --index data/fox/evaluation_index.json --json fox.json\n  \
     sparsesplat eval --dataset nerfstudio --root data --refine 200 --refine-plot refine.svg\n  \
     sparsesplat eval --dataset nerfstudio --root data --seeds 0,1,2 --report report.html\n  \
+    sparsesplat eval --dataset simulated --lpips-weights vgg16-397923af.pth vgg.pth\n  \
     sparsesplat eval --dataset replica --root Replica --windows 5\n  \
     sparsesplat eval --dataset replica                                 where it is had, and the layout\n  \
     sparsesplat eval --dataset dl3dv --root benchmark --index dl3dv_index.json\n\n\
@@ -67,6 +68,8 @@ pub(crate) struct Arguments {
     #[arg(long)]
     markdown: bool,
     #[command(flatten)]
+    lpips: LpipsWeights,
+    #[command(flatten)]
     pipeline: Pipeline,
 }
 
@@ -95,6 +98,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let (plans, unread, reading) = plans(arguments)?;
 
     let method = Method { curve: arguments.refine_plot.is_some(), ..arguments.pipeline.method(seeds[0]) };
+    let lpips = arguments.lpips.read()?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
     let limits = PictureLimits::for_windows(plans.len());
@@ -111,18 +115,21 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         told = scene;
     }
     let mut running = String::new();
-    let mut evaluation = evaluate(&plans, &method, &seeds, &mut rasterizer, &mut |event| match event {
-        Event::Run { name, seed } => running = format!("{name} (seed {seed})"),
-        Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
-        Event::Done { window, outcome } => {
-            progress.step();
-            if arguments.report.is_some() && outcome.figures.seed == seeds[0] {
-                problem = report.window(window, outcome, limits).err().or(problem.take());
+    let mut evaluation =
+        evaluate(&plans, &method, &seeds, lpips.as_ref(), &mut rasterizer, &mut |event| match event {
+            Event::Run { name, seed } => running = format!("{name} (seed {seed})"),
+            Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
+            Event::Done { window, outcome } => {
+                progress.step();
+                if arguments.report.is_some() && outcome.figures.seed == seeds[0] {
+                    problem = report.window(window, outcome, limits).err().or(problem.take());
+                }
             }
-        }
-        Event::Dropped(dropped) => progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason)),
-        _ => {}
-    });
+            Event::Dropped(dropped) => {
+                progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason))
+            }
+            _ => {}
+        });
     for dropped in &unread {
         progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
     }
@@ -132,7 +139,13 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         return Err(problem).or_work();
     }
 
-    let table = figures_table(&evaluation.windows, &evaluation.scenes, &evaluation.mean, true);
+    let table = figures_table(
+        &evaluation.windows,
+        &evaluation.scenes,
+        &evaluation.mean,
+        evaluation.lpips_network,
+        true,
+    );
     print(&if arguments.markdown { table.to_markdown() } else { table.to_text() });
     let scenes: Vec<&str> = evaluation.scenes.iter().map(|scene| scene.name.as_str()).collect();
     print_line(&format!("scenes     {}: {}", scenes.len(), scenes.join(", ")));

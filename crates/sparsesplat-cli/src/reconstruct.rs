@@ -98,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let window = plan.load(arguments.report.is_some()).or_input()?;
     let mut on_step = |step| progress.say(describe(step));
     let mut outcome = match arguments.report {
-        Some(_) => run_window(&window, &method, &mut rasterizer, &mut on_step),
+        Some(_) => run_window(&window, &method, None, &mut rasterizer, &mut on_step),
         None => reconstruct_window(&window, &method, &mut rasterizer, &mut on_step),
     }
     .map_err(Failure::sorted)?;

@@ -1,6 +1,6 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, positive, size};
+use crate::arguments::{Common, LpipsWeights, positive, size};
 use crate::datasets::Dataset;
 use crate::device;
 use crate::failure::{Failure, OrFail, Outcome};
@@ -46,6 +46,8 @@ pub(crate) struct Arguments {
     /// Print the settings as they would be used, and stop
     #[arg(long)]
     print_config: bool,
+    #[command(flatten)]
+    lpips: LpipsWeights,
     #[command(flatten)]
     data: Data,
     /// Generated scenes to validate on, seeds 500, 501, ...
@@ -114,6 +116,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
     let rasterizer = device::rasterizer(common.device)?;
     let mut trainer = Trainer::new(config, cases, rasterizer).or_work()?;
+    if let Some(lpips) = arguments.lpips.read()? {
+        trainer = trainer.with_lpips(lpips);
+    }
     if let Some(path) = &arguments.from {
         let weights = Weights::read(path).or_input()?;
         trainer.start_from(&weights).with_context(|| path.display().to_string()).or_input()?;

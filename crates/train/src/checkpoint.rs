@@ -15,6 +15,8 @@ pub(crate) struct Progress {
     pub(crate) config: Config,
     /// SHA-256 of the data.
     pub(crate) data: String,
+    /// What the structural term of the loss is.
+    pub(crate) structure: String,
     /// Steps done.
     pub(crate) step: usize,
     /// Of those, skipped.

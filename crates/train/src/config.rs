@@ -16,6 +16,9 @@ pub struct Config {
     /// Smallest and largest number of Gaussians as a share of the context views' pixels; each pass draws one between,
     /// evenly in its logarithm, so that one model serves all budgets.
     pub density: [f64; 2],
+    /// Largest relative error that is added to confirmed depth, in half of the passes (three times that where depth is
+    /// filled in): a head that has met nothing but good depth does not mend bad.
+    pub depth_error: f64,
     /// Steps in all.
     pub steps: usize,
     /// Windows per step, one after the other (paper: 2).
@@ -39,6 +42,7 @@ impl Default for Config {
             neighbours: 20,
             allocation: Allocation::Entropy,
             density: [0.01, 0.25],
+            depth_error: 0.0,
             steps: 6000,
             batch: 2,
             targets: 2,
@@ -60,6 +64,9 @@ impl Config {
                 format!("{low} to {high}"),
                 "two shares above 0 and up to 1, smaller first",
             );
+        }
+        if !(0.0..=0.2).contains(&self.depth_error) {
+            return refuse("depth_error", self.depth_error.to_string(), "a share from 0 to 0.2");
         }
         if self.batch == 0 || self.targets + self.contexts == 0 {
             let found = format!("batch {}, {} targets, {} contexts", self.batch, self.targets, self.contexts);

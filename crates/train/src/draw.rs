@@ -8,6 +8,7 @@ pub(crate) enum Stream {
     Sampling = 3,
     Target = 4,
     Context = 5,
+    Disturbance = 6,
 }
 
 /// SplitMix64 (Steele, Lea & Flood 2014).

@@ -2,14 +2,19 @@
 
 use crate::{Error, Result};
 use gs_scene::View;
-use image_metrics::{SsimScratch, SsimTarget};
+use image_metrics::{Lpips, LpipsTarget, SsimScratch, SsimTarget};
 
 /// A photograph that renderings are compared with: (1 - λ)·MSE + λ·structure (paper, section 3.4, where structure is
 /// LPIPS; without its weights D-SSIM = 1 - SSIM stands in).
 pub(crate) struct Loss {
     photograph: Vec<f32>,
-    structure: Option<SsimTarget>,
+    structure: Option<Structure>,
     lambda: f32,
+}
+
+enum Structure {
+    Ssim(SsimTarget),
+    Lpips(LpipsTarget),
 }
 
 /// What a comparison gives.
@@ -24,13 +29,18 @@ pub(crate) struct Compared {
 }
 
 impl Loss {
-    pub(crate) fn new(view: &View, lambda: f32) -> Result<Self> {
-        let photograph = view.image().data().to_vec();
+    /// The structural term is LPIPS where it is given.
+    pub(crate) fn new(view: &View, lambda: f32, lpips: Option<&Lpips>) -> Result<Self> {
+        let image = view.image();
+        let target = || match lpips {
+            Some(lpips) => lpips.target(image).map(Structure::Lpips),
+            None => SsimTarget::new(image.data(), image.width(), image.height()).map(Structure::Ssim),
+        };
         let structure = (lambda > 0.0)
-            .then(|| SsimTarget::new(&photograph, view.image().width(), view.image().height()))
+            .then(target)
             .transpose()
             .map_err(|source| Error::Metric { view: view.name().to_owned(), source })?;
-        Ok(Self { photograph, structure, lambda })
+        Ok(Self { photograph: image.data().to_vec(), structure, lambda })
     }
 
     pub(crate) fn compare(&self, rendering: &[f32]) -> Result<Compared, image_metrics::Error> {
@@ -47,14 +57,37 @@ impl Loss {
         }
         let mut loss = f64::from(1.0 - self.lambda) * square / n;
         if let (Some(structure), true) = (&self.structure, loss.is_finite()) {
-            let share = structure.loss_with_gradient(
-                rendering,
-                self.lambda,
-                &mut by_rendering,
-                &mut SsimScratch::default(),
-            )?;
-            loss += f64::from(self.lambda) * share;
+            loss += f64::from(self.lambda) * structure.compare(rendering, self.lambda, &mut by_rendering)?;
         }
         Ok(Compared { loss, clipped_mse: clipped / n, by_rendering })
+    }
+}
+
+impl Structure {
+    /// The term; `weight` times its derivative is added to `by_rendering`.
+    fn compare(
+        &self,
+        rendering: &[f32],
+        weight: f32,
+        by_rendering: &mut [f32],
+    ) -> Result<f64, image_metrics::Error> {
+        match self {
+            Self::Ssim(target) => {
+                target.loss_with_gradient(rendering, weight, by_rendering, &mut SsimScratch::default())
+            }
+            Self::Lpips(target) => {
+                // As a screen shows it: beyond 0..1 nothing changes.
+                let clipped: Vec<f32> = rendering.iter().map(|value| value.clamp(0.0, 1.0)).collect();
+                let (distance, gradient) = target.distance_and_gradient(&clipped)?;
+                for ((sum, by), (value, clipped)) in
+                    by_rendering.iter_mut().zip(gradient).zip(rendering.iter().zip(&clipped))
+                {
+                    if value == clipped {
+                        *sum += weight * by;
+                    }
+                }
+                Ok(distance)
+            }
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::adam::{Adam, length};
 use crate::checkpoint::{self, Progress};
+use crate::disturb::disturbed;
 use crate::draw::{Stream, bits, some, unit};
 use crate::loss::Loss;
 use crate::net::Net;
@@ -11,6 +12,7 @@ use attn_head::Weights;
 use candle_core::{Device, Tensor, Var};
 use gs_raster::{Rasterizer, RenderSettings, near_plane};
 use gs_scene::View;
+use image_metrics::Lpips;
 use serde::Serialize;
 use sparsesplat::learned::{FEATURES, GEOMETRY_FEATURES, image_features};
 use sparsesplat::{Anchored, Budget, StageSeconds, anchor};
@@ -30,6 +32,7 @@ pub struct Trainer {
     step: usize,
     skipped: usize,
     schema: String,
+    lpips: Option<Lpips>,
     rasterizer: Arc<Mutex<Rasterizer>>,
 }
 
@@ -110,6 +113,7 @@ impl Trainer {
             step: 0,
             skipped: 0,
             schema: schema.to_owned(),
+            lpips: None,
             rasterizer: Arc::new(Mutex::new(rasterizer)),
             config,
             cases,
@@ -132,6 +136,18 @@ impl Trainer {
         Ok(())
     }
 
+    /// Takes LPIPS for the structural term of the loss, as the paper does, instead of 1 - SSIM.
+    #[must_use]
+    pub fn with_lpips(self, lpips: Lpips) -> Self {
+        Self { lpips: Some(lpips), ..self }
+    }
+
+    fn structure(&self) -> String {
+        self.lpips
+            .as_ref()
+            .map_or("1 - SSIM".to_owned(), |lpips| format!("LPIPS ({})", lpips.network().name()))
+    }
+
     /// Goes on where a checkpoint was written.
     ///
     /// # Errors
@@ -144,6 +160,9 @@ impl Trainer {
         }
         if progress.data != self.cases.sha256() {
             return other("data");
+        }
+        if progress.structure != self.structure() {
+            return other("structural term of the loss");
         }
         (self.weights, self.adam) = (weights, adam);
         (self.step, self.skipped) = (progress.step, progress.skipped);
@@ -158,6 +177,7 @@ impl Trainer {
         let progress = Progress {
             config: self.config.clone(),
             data: self.cases.sha256().to_owned(),
+            structure: self.structure(),
             step: self.step,
             skipped: self.skipped,
             updates: self.adam.updates,
@@ -225,7 +245,10 @@ impl Trainer {
     /// Loss and gradient of the `index`-th pass of the run.
     fn pass(&self, index: usize) -> Result<Pass> {
         let seed = self.config.seed;
-        let case = self.cases.read((bits(seed, Stream::Case, index) % self.cases.len() as u64) as usize)?;
+        let mut case =
+            self.cases.read((bits(seed, Stream::Case, index) % self.cases.len() as u64) as usize)?;
+        let disturbance = bits(seed, Stream::Disturbance, index);
+        case.geometry = disturbed(case.geometry, self.config.depth_error, disturbance)?;
         let [low, high] = self.config.density;
         let density = low * (high / low).powf(unit(seed, Stream::Density, index));
         let anchored = self.anchored(&case, density, bits(seed, Stream::Sampling, index))?;
@@ -252,7 +275,7 @@ impl Trainer {
                 tape: Mutex::default(),
             };
             let found = Arc::new(Mutex::new(None));
-            let loss = Arc::new(Loss::new(view, self.config.lambda)?);
+            let loss = Arc::new(Loss::new(view, self.config.lambda, self.lpips.as_ref())?);
             let loss =
                 gaussians.apply_op1(render)?.apply_op1(Compare { loss, compared: Arc::clone(&found) })?;
             total = Some(match total {
@@ -308,7 +331,7 @@ impl Trainer {
             let mut closed = anchored.base.clone();
             closed.append(&anchored.shell);
             for view in &case.targets {
-                let loss = Loss::new(view, 0.0)?;
+                let loss = Loss::new(view, 0.0, None)?;
                 let mut pictures = [Vec::new(), Vec::new()];
                 for ((scene, sum), picture) in
                     [&learned, &closed].into_iter().zip(&mut sums).zip(&mut pictures)

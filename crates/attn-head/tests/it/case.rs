@@ -1,5 +1,6 @@
 //! Inputs made of hashes.
 
+use crate::oracle;
 use attn_head::plain::{Network, TensorInputs};
 use attn_head::{Config, Inputs, Kind, Weights};
 use candle_core::{DType, Device, Tensor};
@@ -55,6 +56,21 @@ impl Case {
 
     pub(crate) fn weights(&self) -> Weights {
         Weights::recipe(self.config, "case").unwrap()
+    }
+
+    /// The same in f64, with the weights.
+    pub(crate) fn exact(&self) -> oracle::Case {
+        let wide = |values: &[f32]| values.iter().map(|v| f64::from(*v)).collect();
+        oracle::Case {
+            config: self.config,
+            n: self.n,
+            k: self.config.neighbours,
+            weights: wide(&self.weights().values),
+            geometry: wide(&self.geometry),
+            image: wide(&self.image),
+            neighbours: self.neighbours.clone(),
+            relative: self.relative.iter().map(|r| r.map(f64::from)).collect(),
+        }
     }
 
     /// The outputs of the plain form in f64.

@@ -7,5 +7,9 @@ mod data;
 mod devices;
 mod hostile;
 mod jobs;
+mod lpips;
+#[path = "../../../image-metrics/tests/it/recipe.rs"]
+#[allow(dead_code, reason = "also compares files of picture pairs")]
+mod lpips_recipe;
 mod tiny;
 mod training;

@@ -10,6 +10,11 @@ use std::path::Path;
 /// Where weights say which features they were trained on.
 pub const FEATURES: &str = "features";
 
+/// Default weights for the plane sweep's features (docs/training.md says how they came about).
+const PLANE_SWEEP: &[u8] = include_bytes!("../../weights/plane-sweep-1.safetensors");
+/// What reports call them.
+const PLANE_SWEEP_NAME: &str = "learned (plane-sweep-1)";
+
 /// A trained head.
 #[derive(Debug)]
 pub struct LearnedHead {
@@ -55,7 +60,10 @@ impl LearnedHead {
             crate::Head::ClosedForm => Ok(None),
             crate::Head::Weights(path) => Self::read(path).map(Some),
             crate::Head::Default => match config.backbone {
-                Backbone::PlaneSweep | Backbone::GivenDepth => Ok(None),
+                Backbone::PlaneSweep => {
+                    Self::new(Weights::from_bytes(PLANE_SWEEP)?, PLANE_SWEEP_NAME).map(Some)
+                }
+                Backbone::GivenDepth => Ok(None),
             },
         }
     }

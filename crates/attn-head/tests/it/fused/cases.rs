@@ -1,6 +1,6 @@
 //! Cases for the fused form, from hashes of a seed.
 
-use super::oracle::Case;
+use crate::oracle::Case;
 use attn_head::{Config, Inputs, Kind, Layout};
 
 /// The numbers of a case in f32, which inputs borrow from.

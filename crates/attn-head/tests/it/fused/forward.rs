@@ -1,7 +1,7 @@
 //! Outputs equal those of the formulas.
 
 use super::cases::{Single, random};
-use super::oracle::Case;
+use crate::oracle::Case;
 use attn_head::{LAYERS, OUTPUTS, fused};
 use proptest::prelude::*;
 

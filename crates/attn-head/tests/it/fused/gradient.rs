@@ -1,7 +1,7 @@
 //! Gradients are those of the formulas.
 
 use super::cases::{Single, random, uniform};
-use super::oracle::Case;
+use crate::oracle::Case;
 use attn_head::{Layout, OUTPUTS, fused};
 
 fn loss_weights(case: &Case) -> Vec<f64> {

@@ -4,4 +4,3 @@ mod cases;
 mod forward;
 mod gradient;
 mod op;
-mod oracle;
