@@ -140,6 +140,7 @@ fn settings_out_of_range_are_refused() {
         Config { batch: 0, ..Config::default() },
         Config { targets: 0, contexts: 0, ..Config::default() },
         Config { lambda: f32::NAN, ..Config::default() },
+        Config { depth_error: 0.3, ..Config::default() },
         Config { rates, ..Config::default() },
     ] {
         let refused = Trainer::new(config.clone(), cases.clone(), Rasterizer::cpu());
