@@ -126,7 +126,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
                 }
             }
             Event::Dropped(dropped) => {
-                progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason))
+                progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
             }
             _ => {}
         });
