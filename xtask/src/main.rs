@@ -21,6 +21,7 @@ Commands of the product (built in release, arguments passed on; each has --help)
   reconstruct  posed photographs to a 3D Gaussian scene
   render       a scene to pictures
   eval         the tables: PSNR, SSIM, Gaussians and time on data sets
+  tradeoff     what accuracy costs in time: one method varied along one axis at a time
   train        a head, on a frozen backbone
   ablate       the paper's ablations, each row trained alike
   simulate     photographs of a described or generated scene, as a data set in one of the usual layouts
@@ -37,8 +38,19 @@ Checks for developers:
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 10] =
-    ["demo", "reconstruct", "render", "eval", "train", "ablate", "simulate", "check-data", "doctor", "bench"];
+const FORWARDED: [&str; 11] = [
+    "demo",
+    "reconstruct",
+    "render",
+    "eval",
+    "tradeoff",
+    "train",
+    "ablate",
+    "simulate",
+    "check-data",
+    "doctor",
+    "bench",
+];
 
 fn main() -> ExitCode {
     let root =

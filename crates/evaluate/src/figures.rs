@@ -3,11 +3,11 @@
 use crate::Window;
 use crate::method::Refinement;
 use crate::plan::scene_of;
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
 use sparsesplat::{Counts, ExposureGain, StageSeconds};
 
 /// Wall time, seconds, by stage. A stage that did not run took 0.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seconds {
     /// Reading, undistorting and resizing photographs.
     pub load: f64,
@@ -65,22 +65,32 @@ impl Seconds {
     }
 
     fn mean(all: &[Self]) -> Self {
-        let mean = |of: fn(&Self) -> f64| mean(all.iter().map(of));
+        Self::of_each(|of| mean(all.iter().map(of)))
+    }
+
+    /// Every time from the way to read it off.
+    pub(crate) fn of_each(value: impl Fn(fn(&Self) -> f64) -> f64) -> Self {
         Self {
-            load: mean(|s| s.load),
-            backbone: mean(|s| s.backbone),
-            exposure: mean(|s| s.exposure),
-            sampling: mean(|s| s.sampling),
-            backproject: mean(|s| s.backproject),
-            knn: mean(|s| s.knn),
-            head: mean(|s| s.head),
-            decode: mean(|s| s.decode),
-            shell: mean(|s| s.shell),
-            refine: mean(|s| s.refine),
-            write: mean(|s| s.write),
-            render: mean(|s| s.render),
-            total: mean(|s| s.total),
+            load: value(|s| s.load),
+            backbone: value(|s| s.backbone),
+            exposure: value(|s| s.exposure),
+            sampling: value(|s| s.sampling),
+            backproject: value(|s| s.backproject),
+            knn: value(|s| s.knn),
+            head: value(|s| s.head),
+            decode: value(|s| s.decode),
+            shell: value(|s| s.shell),
+            refine: value(|s| s.refine),
+            write: value(|s| s.write),
+            render: value(|s| s.render),
+            total: value(|s| s.total),
         }
+    }
+
+    /// From photographs to Gaussians: the total without rendering.
+    #[must_use]
+    pub fn to_gaussians(&self) -> f64 {
+        self.total - self.render
     }
 }
 
@@ -146,6 +156,14 @@ pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
 pub(crate) fn optional_mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let values: Vec<f64> = values.collect::<Option<_>>()?;
     (!values.is_empty()).then(|| mean(values.into_iter()))
+}
+
+/// Median, of an even number the mean of the two in the middle; NaN of nothing. An infinity stays one.
+pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+    mean([sorted[last / 2], sorted[last.div_ceil(2)]].into_iter())
 }
 
 /// Standard deviation of a sample; `None` with fewer than two values.
@@ -293,7 +311,7 @@ pub struct MeanRow {
 }
 
 /// A window that gave no figures.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Dropped {
     /// `scene/window`, or the folder that could not be read.
     pub name: String,
@@ -414,6 +432,14 @@ pub(crate) mod tests {
         assert!(json["psnr_held_out"].is_null() && json["lpips_held_out"].is_null());
         let perfect = serde_json::to_value(figures(f64::INFINITY)).unwrap();
         assert!(perfect["psnr_held_out"].is_null());
+    }
+
+    #[test]
+    fn a_median_lies_in_the_middle() {
+        assert_eq!(median([3.0, 1.0, 2.0].into_iter()), 2.0);
+        assert_eq!(median([4.0, 1.0, 2.0, 3.0].into_iter()), 2.5);
+        assert_eq!(median([f64::INFINITY].into_iter()), f64::INFINITY);
+        assert!(median(std::iter::empty()).is_nan());
     }
 
     #[test]

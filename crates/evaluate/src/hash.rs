@@ -3,6 +3,7 @@
 use crate::Window;
 use gs_scene::View;
 use sha2::{Digest, Sha256};
+use std::path::Path;
 
 impl Window {
     /// SHA-256 of the views as they went into the figures: cameras and pictures, context first; and of how many are context. Equal
@@ -14,6 +15,14 @@ impl Window {
         self.context.iter().chain(&self.targets).for_each(|view| add_view(&mut hash, view));
         hexadecimal(hash)
     }
+}
+
+/// SHA-256 of a file.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn file_sha256(path: &Path) -> std::io::Result<String> {
+    Ok(hexadecimal(Sha256::new_with_prefix(std::fs::read(path)?)))
 }
 
 /// SHA-256 of several.

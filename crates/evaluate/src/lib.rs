@@ -15,6 +15,7 @@ mod protocol;
 mod recipe;
 mod table;
 
+mod chart;
 mod colour;
 mod page;
 mod picture;
@@ -22,17 +23,20 @@ mod plot;
 mod report;
 mod training_plot;
 
+pub mod tradeoff;
+
 pub use error::{Error, Result};
 pub use figures::{
     CurvePoint, Dropped, Figures, MeanRow, Seconds, Spread, Target, WindowFigures, WindowRow, means,
 };
+pub use hash::file_sha256;
 pub use image_metrics::Lpips;
 pub use method::{Method, Refinement};
 pub use picture::{DepthScale, ERROR_GAIN, Picture};
 pub use plan::{ALONG_A_VIDEO, Choice, Plan, Reading, Windows};
 pub use plot::refinement_plot;
 pub use protocol::{Baselines, Evaluation, Event, NearestView, PROTOCOL, evaluate};
-pub use recipe::{Machine, Recipe, peak_rss_bytes};
+pub use recipe::{Machine, Recipe, peak_rss_bytes, restart_peak_rss};
 pub use render::{Rendered, render_ellipsoids, render_view};
 pub use report::{PictureLimits, Report};
 pub use simulated::{SIMULATED_SIZE, SimulatedScene, simulated_window};

@@ -25,6 +25,19 @@ pub(crate) fn escape(text: &str) -> String {
     escaped
 }
 
+/// A whole page; `body` is HTML, `recipe` is JSON.
+pub(crate) fn document(title: &str, body: &str, recipe: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n<h1>{title}</h1>\n{body}\
+         <details><summary>How this was made</summary><pre>{recipe}</pre></details>\n</body>\n</html>\n",
+        title = escape(title),
+        style = include_str!("report.css"),
+        recipe = escape(recipe),
+    )
+}
+
 /// A picture with its caption; a click shows it as large as the window. `description` is for those who cannot see it.
 pub(crate) fn figure(picture: &Picture, description: &str, caption: &str) -> Result<String> {
     let data = STANDARD.encode(picture.to_jpeg(QUALITY)?);

@@ -280,6 +280,17 @@ impl Plan {
         }
     }
 
+    /// The same window with pictures of another size, width and height in pixels.
+    pub(crate) fn at_size(&self, size: (usize, usize)) -> Self {
+        let source = match &self.source {
+            Source::Simulated { scene, .. } => Source::Simulated { scene: *scene, size },
+            Source::Photographs(photographs) => {
+                Source::Photographs(Photographs { size: Some(size), ..photographs.clone() })
+            }
+        };
+        Self { name: self.name.clone(), source }
+    }
+
     /// Everything that decides what the views of a simulated scene look like, as text; for caches.
     #[must_use]
     pub fn description(&self) -> Option<String> {

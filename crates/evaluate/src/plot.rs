@@ -1,22 +1,10 @@
-//! Plots as SVG, with their text as text.
+//! The plot of refinement as SVG, its text as text.
 
 use crate::WindowRow;
+use crate::chart::{COLOURS, Drawn, SIZE, axes, legend, line, style, svg};
 use crate::figures::{CurvePoint, mean};
+use plotters::coord::Shift;
 use plotters::prelude::*;
-use std::error::Error;
-
-/// Width and height, pixels.
-pub(crate) const SIZE: (u32, u32) = (820, 460);
-/// Colours that are told apart by people who do not see red and green (Okabe & Ito).
-pub(crate) const COLOURS: [RGBColor; 7] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(230, 159, 0),
-    RGBColor(86, 180, 233),
-    RGBColor(90, 90, 90),
-];
 
 /// Held-out PSNR over the seconds of refinement, a line per scene and one for their mean: at each measured
 /// step the means over seeds and windows. Windows that stopped before the others are shown up to there.
@@ -43,12 +31,7 @@ pub fn refinement_plot(windows: &[WindowRow]) -> String {
         let curves: Vec<&[CurvePoint]> = lines.iter().map(|(_, curve)| curve.as_slice()).collect();
         lines.push(("mean".to_owned(), mean_curve(&curves)));
     }
-    let mut svg = String::new();
-    match draw(&mut svg, &lines, scenes) {
-        Ok(()) => svg,
-        // Writing into a string does not fail, and the coordinates are finite.
-        Err(error) => unreachable!("a plot is drawn into memory: {error}"),
-    }
+    svg(SIZE, |area| draw(area, &lines, scenes))
 }
 
 /// Point by point mean of curves, as far as all of them go.
@@ -67,51 +50,32 @@ fn mean_curve(curves: &[&[CurvePoint]]) -> Vec<CurvePoint> {
 }
 
 /// `scenes` of the lines are scenes, one more would be their mean.
-fn draw(svg: &mut String, lines: &[(String, Vec<CurvePoint>)], scenes: usize) -> Result<(), Box<dyn Error>> {
+fn draw(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    lines: &[(String, Vec<CurvePoint>)],
+    scenes: usize,
+) -> Drawn {
     let points = || lines.iter().flat_map(|(_, curve)| curve).filter(|point| point.psnr_held_out.is_finite());
     let longest = points().map(|point| point.seconds).fold(0.0, f64::max).max(1e-3);
     let low = points().map(|point| point.psnr_held_out).fold(f64::INFINITY, f64::min);
     let high = points().map(|point| point.psnr_held_out).fold(f64::NEG_INFINITY, f64::max);
     let (low, high) = if low <= high { (low.floor(), high.ceil() + 0.5) } else { (0.0, 1.0) };
 
-    let area = SVGBackend::with_string(svg, SIZE).into_drawing_area();
-    area.fill(&WHITE)?;
-    let mut chart = ChartBuilder::on(&area)
+    let mut chart = ChartBuilder::on(area)
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(48)
         // Room for the legend beside the lines.
         .build_cartesian_2d(0.0..longest * 1.18, low..high)?;
-    chart
-        .configure_mesh()
-        .light_line_style(TRANSPARENT)
-        .x_desc("seconds of refinement")
-        .y_desc("PSNR of held-out views, dB")
-        .label_style(("sans-serif", 14))
-        .axis_desc_style(("sans-serif", 15))
-        .draw()?;
+    axes(&mut chart, "seconds of refinement", "PSNR of held-out views, dB")?;
     for (i, (name, curve)) in lines.iter().enumerate() {
         let is_mean = i >= scenes;
-        let colour = if is_mean { BLACK } else { COLOURS[i % COLOURS.len()] };
-        let style =
-            ShapeStyle { color: colour.to_rgba(), filled: true, stroke_width: if is_mean { 3 } else { 2 } };
-        let at = |point: &CurvePoint| (point.seconds, point.psnr_held_out);
-        let shown = || curve.iter().filter(|point| point.psnr_held_out.is_finite());
-        chart
-            .draw_series(LineSeries::new(shown().map(at), style))?
-            .label(name.as_str())
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
-        chart.draw_series(shown().map(|point| Circle::new(at(point), 2, style)))?;
+        let style = if is_mean { style(BLACK, 3) } else { style(COLOURS[i % COLOURS.len()], 2) };
+        let shown = curve.iter().filter(|point| point.psnr_held_out.is_finite());
+        let shown: Vec<(f64, f64)> = shown.map(|point| (point.seconds, point.psnr_held_out)).collect();
+        line(&mut chart, name, &shown, style, 2)?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerRight)
-        .background_style(WHITE.mix(0.8))
-        .border_style(BLACK.mix(0.3))
-        .label_font(("sans-serif", 13))
-        .draw()?;
-    area.present()?;
-    Ok(())
+    legend(&mut chart, SeriesLabelPosition::LowerRight)
 }
 
 #[cfg(test)]

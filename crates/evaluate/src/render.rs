@@ -41,9 +41,19 @@ fn render(
     camera: &Camera,
     style: Style,
 ) -> Result<Rendered> {
+    let settings = RenderSettings { style, depth: true, ..RenderSettings::default() };
+    render_as(rasterizer, gaussians, camera, settings)
+}
+
+/// Renders with settings of the caller's; the near plane is that of all pictures. Without depth its map is empty.
+pub(crate) fn render_as(
+    rasterizer: &mut Rasterizer,
+    gaussians: &Gaussians,
+    camera: &Camera,
+    settings: RenderSettings,
+) -> Result<Rendered> {
     let near = near_plane(gaussians, camera);
-    let settings = RenderSettings { style, near, depth: true, ..RenderSettings::default() };
-    let mut rendering = rasterizer.render(gaussians, camera, &settings)?;
+    let mut rendering = rasterizer.render(gaussians, camera, &RenderSettings { near, ..settings })?;
     for value in rendering.image.data_mut() {
         *value = value.clamp(0.0, 1.0);
     }

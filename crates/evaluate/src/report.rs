@@ -2,7 +2,7 @@
 
 use crate::colour::{DEPTH, ERROR};
 use crate::figures::{Figures, Target};
-use crate::page::{bars, escape, figure, legend, table, tile};
+use crate::page::{bars, document, escape, figure, legend, table, tile};
 use crate::picture::{DepthScale, ERROR_GAIN, Picture};
 use crate::table::{Table, count, decibel, number};
 use crate::{Outcome, Result, Window};
@@ -68,8 +68,10 @@ impl Report {
             }
         }
         tiles.push((count(figures.gaussians), "Gaussians"));
-        let to_gaussians = figures.seconds.total - figures.seconds.render;
-        tiles.push((format!("{} s", number(to_gaussians, 2)), "from photographs to Gaussians"));
+        tiles.push((
+            format!("{} s", number(figures.seconds.to_gaussians(), 2)),
+            "from photographs to Gaussians",
+        ));
         if let Some(bytes) = peak_rss_bytes {
             tiles.push((format!("{:.2} GB", bytes as f64 / 1e9), "peak memory"));
         }
@@ -126,19 +128,9 @@ impl Report {
                 let _ = write!(links, "<a href=\"#{anchor}\">{}</a> ", escape(name));
             }
         }
-        format!(
-            "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n\
-             <h1>{title}</h1>\n<p class=\"soft\">{lead}</p>\n{head}<nav>{links}</nav>\n{sections}\
-             <details><summary>How this was made</summary><pre>{recipe}</pre></details>\n</body>\n</html>\n",
-            title = escape(&self.title),
-            style = include_str!("report.css"),
-            lead = escape(&self.lead),
-            head = self.head,
-            sections = self.sections,
-            recipe = escape(recipe),
-        )
+        let lead = format!("<p class=\"soft\">{}</p>\n", escape(&self.lead));
+        let body = format!("{lead}{}<nav>{links}</nav>\n{}", self.head, self.sections);
+        document(&self.title, &body, recipe)
     }
 }
 

@@ -75,16 +75,16 @@ pub fn reconstruct_window(
 }
 
 /// Wall time of what is timed, seconds.
-struct Stopwatch {
-    seconds: f64,
+pub(crate) struct Stopwatch {
+    pub(crate) seconds: f64,
 }
 
 impl Stopwatch {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { seconds: 0.0 }
     }
 
-    fn time<T>(&mut self, work: impl FnOnce() -> T) -> T {
+    pub(crate) fn time<T>(&mut self, work: impl FnOnce() -> T) -> T {
         let begin = Instant::now();
         let result = work();
         self.seconds += begin.elapsed().as_secs_f64();
@@ -201,7 +201,7 @@ pub fn run_window(
 }
 
 /// A metric between a photograph and what should look like it.
-fn compare(
+pub(crate) fn compare(
     metric: impl Fn(&Image, &Image) -> image_metrics::Result<f64>,
     view: &View,
     image: &Image,

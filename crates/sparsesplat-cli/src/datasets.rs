@@ -1,11 +1,13 @@
 //! Data sets by name: which layouts they come in, and where they are had.
 
 use clap::ValueEnum;
+use serde::Serialize;
 use std::path::Path;
 use view_data::Format;
 
 /// Data sets and layouts that tables are made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub(crate) enum Dataset {
     /// transforms.json and photographs
     Nerfstudio,

@@ -1,18 +1,18 @@
 //! `eval`: tables of figures on data sets.
 
-use crate::arguments::{Common, LpipsWeights, Pipeline, Range, positive, size};
+use crate::arguments::{Common, LpipsWeights, Pipeline, Range};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
+use crate::source::{Planned, Source};
 use crate::summary::{print, print_line};
 use crate::{output, threads};
 use clap::Args;
 use evaluate::{
-    Dropped, Evaluation, Event, Method, PictureLimits, Plan, Reading, Recipe, Report, SIMULATED_SIZE,
-    SimulatedScene, Windows, evaluate, figures_table, peak_rss_bytes, refinement_plot,
+    Evaluation, Event, Method, PictureLimits, Reading, Recipe, Report, evaluate, figures_table,
+    peak_rss_bytes, refinement_plot,
 };
-use scene_sim::Kind;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -36,25 +36,11 @@ pub(crate) struct Arguments {
     /// The data set, or the layout of your own
     #[arg(long, value_enum)]
     dataset: Dataset,
-    /// Folder of a scene, or of several
-    #[arg(long, value_name = "DIR")]
-    root: Option<PathBuf>,
-    /// Context and target views of each window [default: evaluation_index.json in the folder of each scene, if there is one]
-    #[arg(long, value_name = "FILE", requires = "root")]
-    index: Option<PathBuf>,
-    /// Context views where there is no index
-    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6)]
-    views: usize,
-    /// Where there is no index, so many windows along the path of each scene [default: 3 for videos, else one of views chosen by
-    /// their overlap]
-    #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "index")]
-    windows: Option<usize>,
+    #[command(flatten)]
+    source: Source,
     /// With simulated: so many generated scenes (seeds 0, 1, ...) beside the scene of the demo
     #[arg(long, value_name = "N", default_value_t = 0)]
     scenes: u64,
-    /// Scale and crop photographs to this size [default: as they lie on disk]
-    #[arg(long, value_name = "WxH", value_parser = size)]
-    size: Option<(usize, usize)>,
     /// Seeds of the sampling; with several the table shows mean and spread
     #[arg(long, value_delimiter = ',', default_value = "0")]
     seeds: Vec<u64>,
@@ -95,7 +81,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     let mut seeds = arguments.seeds.clone();
     seeds.dedup();
-    let (plans, unread, reading) = plans(arguments)?;
+    let depth_hint = arguments.pipeline.depth_range == Range::Hint;
+    let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint)?;
+    let Planned { plans, dropped: unread, reading } = planned;
 
     let method = Method { curve: arguments.refine_plot.is_some(), ..arguments.pipeline.method(seeds[0]) };
     let lpips = arguments.lpips.read()?;
@@ -180,44 +168,6 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         0 => Ok(()),
         n => Err(Failure::work(format!("{n} windows or scenes were dropped and are not in the means"))),
     }
-}
-
-/// The windows that are asked for, what is left out of them, and how they are read.
-fn plans(arguments: &Arguments) -> Outcome<(Vec<Plan>, Vec<Dropped>, Reading)> {
-    let depth_hint = arguments.pipeline.depth_range == Range::Hint;
-    let reading = Reading { format: None, size: arguments.size, depth_hint };
-    if arguments.dataset == Dataset::Simulated {
-        if depth_hint {
-            return Err(Failure::input(
-                "simulated scenes have no hint: --depth-range takes estimate or NEAR,FAR here",
-            ));
-        }
-        let size = arguments.size.unwrap_or(SIMULATED_SIZE);
-        let generated =
-            (0..arguments.scenes).map(|seed| SimulatedScene::Generated(Kind::of_seed(seed), seed));
-        let scenes = std::iter::once(SimulatedScene::Courtyard).chain(generated);
-        return Ok((scenes.map(|scene| Plan::simulated(scene, size)).collect(), Vec::new(), reading));
-    }
-    let Some(root) = &arguments.root else {
-        let explanation = arguments.dataset.explanation();
-        return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
-    };
-    let reading = Reading { format: arguments.dataset.format(root), ..reading };
-    let found = match &arguments.index {
-        Some(index) => Plan::of_index(root, index, reading),
-        None => {
-            let windows = Windows { views: arguments.views, along: arguments.windows };
-            Plan::below(root, windows, reading)
-        }
-    };
-    let (plans, dropped) = found.map_err(|error| match error {
-        evaluate::Error::Data(view_data::Error::NoLayout { .. } | view_data::Error::Read { .. }) => {
-            let problem = Failure::sorted(error);
-            Failure::lines(format!("{problem}\n{}", arguments.dataset.explanation()))
-        }
-        error => Failure::sorted(error),
-    })?;
-    Ok((plans, dropped, reading))
 }
 
 /// The settings in the recipe.

@@ -16,7 +16,9 @@ mod progress;
 mod reconstruct;
 mod render;
 mod simulate;
+mod source;
 mod summary;
+mod tradeoff;
 mod train;
 
 use arguments::Common;
@@ -40,6 +42,7 @@ Start here:
   sparsesplat reconstruct PHOTOS -o scene.ply              your own photographs, posed
   sparsesplat render scene.ply --cameras PHOTOS -o out     pictures of a scene
   sparsesplat eval --dataset nerfstudio --root PHOTOS      how good is it?
+  sparsesplat tradeoff --quick --report tradeoff.html      what accuracy costs in time
   sparsesplat train -o run                                 a head of your own, from photographs or simulated scenes
   sparsesplat check-data PHOTOS                            is something wrong with the data?
 
@@ -51,6 +54,7 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     Render(render::Arguments),
     Eval(eval::Arguments),
+    Tradeoff(tradeoff::Arguments),
     Train(train::Arguments),
     Ablate(ablate::Arguments),
     Simulate(simulate::Arguments),
@@ -83,6 +87,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Reconstruct(arguments) => reconstruct::run(arguments, common),
         Command::Render(arguments) => render::run(arguments, common),
         Command::Eval(arguments) => eval::run(arguments, common),
+        Command::Tradeoff(arguments) => tradeoff::run(arguments, common),
         Command::Train(arguments) => train::run(arguments, common),
         Command::Ablate(arguments) => ablate::run(arguments, common),
         Command::Simulate(arguments) => simulate::run(arguments, common),

@@ -24,5 +24,5 @@ pub use config::{Allocation, Backbone, Budget, Config, Head};
 pub use depth_backbone::{DepthRange, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};
-pub use predict::{geometry, predict};
+pub use predict::{geometry, predict, predict_from, wanted};
 pub use prediction::{Counts, ExposureGain, Prediction, Stage, StageSeconds};

@@ -14,14 +14,65 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
         return Err(Error::EmptyBudget);
     }
     let head = LearnedHead::chosen(config)?;
-    let wanted = if head.is_some() { Wanted::DepthAndFeatures } else { Wanted::Depth };
-    let mut seconds = StageSeconds::default();
+    let mut backbone = 0.0;
     on_stage(Stage::Backbone);
-    let (mut geometry, depth_range) = timed(&mut seconds.backbone, || geometry(views, config, wanted))?;
-    let anchored = anchor(views, &geometry, depth_range.1, config, &mut seconds, on_stage)?;
-    let made = timed(&mut seconds.head, || {
-        head.as_ref().map(|head| head.gaussians(&anchored, &geometry)).transpose()
-    })?;
+    let (mut geometry, depth_range) =
+        timed(&mut backbone, || geometry(views, config, wanted_by(head.as_ref())))?;
+    let mut prediction = finish(views, &geometry, depth_range, config, head.as_ref(), on_stage)?;
+    prediction.seconds.backbone = backbone;
+    // They are large, and nobody needs them any more.
+    geometry.iter_mut().for_each(|view| view.features = None);
+    prediction.geometry = geometry;
+    Ok(prediction)
+}
+
+/// The pass from a known [`geometry`] on, for configurations that differ in what comes after the backbone; its stage took 0 s.
+/// `geometry` must hold what [`wanted`] says, `depth_range` is what it came with.
+///
+/// # Errors
+/// As [`predict`].
+pub fn predict_from(
+    views: &[View],
+    geometry: &[ViewGeometry],
+    depth_range: (f64, f64),
+    config: &Config,
+    on_stage: &mut dyn FnMut(Stage),
+) -> Result<Prediction> {
+    let head = LearnedHead::chosen(config)?;
+    let mut prediction = finish(views, geometry, depth_range, config, head.as_ref(), on_stage)?;
+    let plain = |view: &ViewGeometry| ViewGeometry {
+        depth: view.depth.clone(),
+        confidence: view.confidence.clone(),
+        features: None,
+    };
+    prediction.geometry = geometry.iter().map(plain).collect();
+    Ok(prediction)
+}
+
+/// What the configured head needs of a backbone.
+///
+/// # Errors
+/// If weights are asked for that cannot be read.
+pub fn wanted(config: &Config) -> Result<Wanted> {
+    Ok(wanted_by(LearnedHead::chosen(config)?.as_ref()))
+}
+
+fn wanted_by(head: Option<&LearnedHead>) -> Wanted {
+    if head.is_some() { Wanted::DepthAndFeatures } else { Wanted::Depth }
+}
+
+/// All stages after the backbone; the prediction's geometry is left empty.
+fn finish(
+    views: &[View],
+    geometry: &[ViewGeometry],
+    depth_range: (f64, f64),
+    config: &Config,
+    head: Option<&LearnedHead>,
+    on_stage: &mut dyn FnMut(Stage),
+) -> Result<Prediction> {
+    let mut seconds = StageSeconds::default();
+    let anchored = anchor(views, geometry, depth_range.1, config, &mut seconds, on_stage)?;
+    let made = timed(&mut seconds.head, || head.map(|head| head.gaussians(&anchored, geometry)).transpose())?;
     on_stage(Stage::Decode);
     let Anchored { base, shell, counts, tau, exposure, .. } = anchored;
     let gaussians = timed(&mut seconds.decode, || {
@@ -29,10 +80,8 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
         gaussians.append(&shell.with_sh_degree(gaussians.sh_degree())?);
         Ok::<_, Error>(gaussians)
     })?;
-    // They are large, and nobody needs them any more.
-    geometry.iter_mut().for_each(|view| view.features = None);
     let head = head.map_or_else(|| CLOSED_FORM.to_owned(), |head| head.name().to_owned());
-    Ok(Prediction { gaussians, head, counts, tau, geometry, exposure, depth_range, seconds })
+    Ok(Prediction { gaussians, head, counts, tau, geometry: Vec::new(), exposure, depth_range, seconds })
 }
 
 /// The closed-form head, as reports call it.

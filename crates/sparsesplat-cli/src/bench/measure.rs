@@ -47,7 +47,7 @@ pub(super) fn measure<J, T>(
         for (job, (found, seconds)) in jobs.iter().zip(&mut timed) {
             on_run(job);
             if round == 0 {
-                restart_peak();
+                evaluate::restart_peak_rss();
             }
             let warm_up = Instant::now();
             run(job)?;
@@ -87,12 +87,6 @@ pub(super) fn pools() -> Outcome<Vec<ThreadPool>> {
     let mut counts = vec![1, 2.min(threads()), threads()];
     counts.dedup();
     counts.into_iter().map(|n| ThreadPoolBuilder::new().num_threads(n).build().or_work()).collect()
-}
-
-/// Lets the system count anew the most memory that this process holds. Where it does not know how, the count goes on from
-/// the start of the process.
-fn restart_peak() {
-    let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
 
 #[cfg(test)]

@@ -12,4 +12,5 @@ mod lpips;
 #[allow(dead_code, reason = "also compares files of picture pairs")]
 mod lpips_recipe;
 mod tiny;
+mod tradeoff;
 mod training;

@@ -1,0 +1,126 @@
+//! What all plots share: size, colours, axes, lines with marks, the legend.
+
+use plotters::coord::CoordTranslate;
+use plotters::coord::ranged1d::{Ranged, ValueFormatter};
+use plotters::prelude::*;
+
+/// Width and height, pixels.
+pub(crate) const SIZE: (u32, u32) = (820, 460);
+/// Colours that are told apart by people who do not see red and green (Okabe & Ito).
+pub(crate) const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(90, 90, 90),
+];
+
+/// A chart on SVG.
+pub(crate) type Chart<'a, 'b, X, Y> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;
+/// What drawing may give.
+pub(crate) type Drawn<T = ()> = Result<T, Box<dyn std::error::Error>>;
+
+/// Draws into a string.
+pub(crate) fn svg(
+    size: (u32, u32),
+    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, plotters::coord::Shift>) -> Drawn,
+) -> String {
+    let mut svg = String::new();
+    let drawn = {
+        let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+        let filled = area.fill(&WHITE).map_err(Into::into);
+        filled.and_then(|()| draw(&area)).and_then(|()| Ok(area.present()?))
+    };
+    match drawn {
+        Ok(()) => svg,
+        // Writing into a string does not fail, and the coordinates are finite.
+        Err(error) => unreachable!("a plot is drawn into memory: {error}"),
+    }
+}
+
+/// The style of a series.
+pub(crate) fn style(colour: RGBColor, stroke_width: u32) -> ShapeStyle {
+    ShapeStyle { color: colour.to_rgba(), filled: true, stroke_width }
+}
+
+/// Axes with a name each.
+pub(crate) fn axes<X, Y>(chart: &mut Chart<'_, '_, X, Y>, x: &str, y: &str) -> Drawn
+where
+    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .x_desc(x)
+        .y_desc(y)
+        .label_style(("sans-serif", 14))
+        .axis_desc_style(("sans-serif", 15))
+        .draw()?;
+    Ok(())
+}
+
+/// A line with a mark at each point, unless their size is 0, and its name in the legend.
+pub(crate) fn line<'a, X, Y>(
+    chart: &mut Chart<'a, '_, X, Y>,
+    name: &str,
+    points: &[(f64, f64)],
+    style: ShapeStyle,
+    mark: u32,
+) -> Drawn
+where
+    X: Ranged<ValueType = f64>,
+    Y: Ranged<ValueType = f64>,
+{
+    chart
+        .draw_series(std::iter::once(PathElement::new(points.to_vec(), style)))?
+        .label(name)
+        .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+    if mark > 0 {
+        marks(chart, points, style, mark)?;
+    }
+    Ok(())
+}
+
+/// Marks without a line.
+pub(crate) fn marks<X, Y>(
+    chart: &mut Chart<'_, '_, X, Y>,
+    points: &[(f64, f64)],
+    style: ShapeStyle,
+    size: u32,
+) -> Drawn
+where
+    X: Ranged<ValueType = f64>,
+    Y: Ranged<ValueType = f64>,
+{
+    chart.draw_series(points.iter().map(|&point| Circle::new(point, size, style)))?;
+    Ok(())
+}
+
+/// The names of the series.
+pub(crate) fn legend<'a, 'b: 'a, C: CoordTranslate>(
+    chart: &mut ChartContext<'a, SVGBackend<'b>, C>,
+    place: SeriesLabelPosition,
+) -> Drawn {
+    chart
+        .configure_series_labels()
+        .position(place)
+        .background_style(WHITE.mix(0.8))
+        .border_style(BLACK.mix(0.3))
+        .label_font(("sans-serif", 13))
+        .draw()?;
+    Ok(())
+}
+
+/// Lowest and highest of the finite numbers, with a margin of this share on both sides; 0 to 1 where there are none.
+pub(crate) fn range(values: impl Iterator<Item = f64>, margin: f64) -> std::ops::Range<f64> {
+    let finite = values.filter(|value| value.is_finite());
+    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    if low > high {
+        return 0.0..1.0;
+    }
+    let margin = (margin * (high - low)).max(1e-6);
+    low - margin..high + margin
+}

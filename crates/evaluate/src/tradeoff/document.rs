@@ -1,0 +1,288 @@
+//! A sweep in words, as tables, as CSV and as Markdown.
+
+use super::front::Knee;
+use super::share::Reached;
+use super::summary::{Row, Summary};
+use crate::table::{Table, count, decibel, number};
+use std::fmt::Write;
+
+/// What was found, in sentences.
+#[must_use]
+pub fn statements(summary: &Summary) -> Vec<String> {
+    let mut said = Vec::new();
+    if let Some(knee) = &summary.knee_of_seconds {
+        said.push(format!(
+            "{} and saves {} s ({}).",
+            costs(knee),
+            number(knee.saved, 2),
+            percent(knee.share)
+        ));
+    }
+    if let Some(knee) = &summary.knee_of_gaussians {
+        let saved = count(knee.saved);
+        said.push(format!("{} and saves {saved} Gaussians ({}).", costs(knee), percent(knee.share)));
+    }
+    if let Some(aligned) = summary.pixel_aligned() {
+        for share in &summary.shares {
+            let goal = format!("the pixel-aligned PSNR ({} dB)", decibel(aligned.psnr_held_out));
+            let paper =
+                share.paper.map_or(String::new(), |paper| format!("; the paper says {}", percent(paper)));
+            said.push(match (share.reached, share.share) {
+                (Reached::At { gaussians }, Some(of)) => {
+                    let n = count(gaussians);
+                    format!("{} reaches {goal} at {n} Gaussians, {} of its count{paper}.", share.allocation, percent(of))
+                }
+                (Reached::AtOnce { gaussians }, Some(of)) => format!(
+                    "{} has {goal} already at {} Gaussians, the fewest that were measured: {} of its count or less{paper}.",
+                    share.allocation,
+                    count(gaussians),
+                    percent(of)
+                ),
+                _ => format!("{} does not reach {goal} at any count that was measured{paper}.", share.allocation),
+            });
+        }
+    }
+    said
+}
+
+fn costs(knee: &Knee) -> String {
+    format!("{} costs {} dB against the best ({})", knee.point, decibel(knee.decibels), knee.best)
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+fn with_spread(value: f64, digits: usize, spread: Option<f64>) -> String {
+    match spread {
+        Some(spread) => format!("{} ±{spread:.digits$}", number(value, digits)),
+        None => number(value, digits),
+    }
+}
+
+/// A row per point: what it costs and what it gives.
+#[must_use]
+pub fn points_table(summary: &Summary) -> Table {
+    let head = [
+        "point",
+        "axis",
+        "Gaussians",
+        "PSNR",
+        "SSIM",
+        "seconds",
+        "backbone",
+        "knn",
+        "head",
+        "frames/s",
+        "memory MB",
+        "PLY MB",
+        "front",
+    ];
+    let mut table = Table::new(&head, 2);
+    for row in &summary.points {
+        let mut cells = vec![row.label.point.clone(), row.label.axis.name().to_owned()];
+        if row.failed.is_some() {
+            cells.extend(head[2..].iter().map(|_| "-".to_owned()));
+            let last = cells.len() - 1;
+            "failed".clone_into(&mut cells[last]);
+            table.push(cells);
+            continue;
+        }
+        let megabytes = |bytes: f64| number(bytes / 1e6, if bytes < 1e7 { 1 } else { 0 });
+        cells.extend([
+            count(row.gaussians),
+            with_spread(row.psnr_held_out, 2, row.spread.map(|spread| spread.psnr_held_out)),
+            with_spread(row.ssim_held_out, 3, row.spread.map(|spread| spread.ssim_held_out)),
+            number(row.seconds_to_gaussians, 2),
+            number(row.seconds.backbone, 2),
+            number(row.seconds.knn, 3),
+            number(row.seconds.head, 3),
+            number(row.frames_per_second, 1),
+            row.peak_rss_bytes.map_or_else(|| "-".to_owned(), |bytes| megabytes(bytes as f64)),
+            megabytes(row.ply_bytes),
+            front(row).to_owned(),
+        ]);
+        table.push(cells);
+    }
+    table
+}
+
+/// Which fronts a point is on.
+fn front(row: &Row) -> &'static str {
+    match (row.on_front_of_seconds, row.on_front_of_gaussians) {
+        (true, true) => "time, count",
+        (true, false) => "time",
+        (false, true) => "count",
+        (false, false) => "",
+    }
+}
+
+/// What each allocation needs for the pixel-aligned PSNR.
+#[must_use]
+pub fn share_table(summary: &Summary) -> Table {
+    let mut table = Table::new(&["allocation", "Gaussians", "share of pixel-aligned", "paper"], 1);
+    for share in &summary.shares {
+        let (n, of) = match (share.reached, share.share) {
+            (Reached::At { gaussians }, Some(of)) => (count(gaussians), percent(of)),
+            (Reached::AtOnce { gaussians }, Some(of)) => {
+                (format!("{} or less", count(gaussians)), format!("{} or less", percent(of)))
+            }
+            _ => ("not reached".to_owned(), "not reached".to_owned()),
+        };
+        let paper = share.paper.map_or_else(|| "-".to_owned(), percent);
+        table.push(vec![share.allocation.clone(), n, of, paper]);
+    }
+    table
+}
+
+/// One line per point, every figure with all its digits; what is not known is empty.
+#[must_use]
+pub fn csv(summary: &Summary) -> String {
+    let mut text = String::from(
+        "point,axis,allocation,base,gaussians,psnr_held_out,psnr_spread,ssim_held_out,ssim_spread,seconds_to_gaussians",
+    );
+    let stages = |row: &Row| row.seconds.stages();
+    let names = crate::Seconds::default().stages().map(|(name, _)| name);
+    for name in names {
+        let _ = write!(text, ",seconds_{name}");
+    }
+    text.push_str(
+        ",frames_per_second,ply_bytes,peak_rss_bytes,on_front_of_seconds,on_front_of_gaussians,failed\n",
+    );
+    let figure = |value: f64| if value.is_finite() { value.to_string() } else { String::new() };
+    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\"").replace(['\n', '\r'], " "));
+    for row in &summary.points {
+        let mut cells = vec![
+            quoted(&row.label.point),
+            row.label.axis.name().to_owned(),
+            quoted(&row.label.allocation),
+            row.label.base.to_string(),
+            figure(row.gaussians),
+            figure(row.psnr_held_out),
+            row.spread.map_or(String::new(), |spread| figure(spread.psnr_held_out)),
+            figure(row.ssim_held_out),
+            row.spread.map_or(String::new(), |spread| figure(spread.ssim_held_out)),
+            figure(row.seconds_to_gaussians),
+        ];
+        cells.extend(stages(row).map(|(_, seconds)| figure(seconds)));
+        cells.extend([
+            figure(row.frames_per_second),
+            figure(row.ply_bytes),
+            row.peak_rss_bytes.map_or(String::new(), |bytes| bytes.to_string()),
+            row.on_front_of_seconds.to_string(),
+            row.on_front_of_gaussians.to_string(),
+            row.failed.as_deref().map_or(String::new(), quoted),
+        ]);
+        text.push_str(&cells.join(","));
+        text.push('\n');
+    }
+    text
+}
+
+/// The whole sweep as Markdown. `machine` says on what, `command` how; `plots` are `(title, path)` of pictures beside the document.
+#[must_use]
+pub fn to_markdown(summary: &Summary, machine: &str, command: &str, plots: &[(&str, String)]) -> String {
+    let mut text = String::from("# What accuracy costs in time\n\n");
+    let scenes = windows_in_words(summary);
+    let _ = writeln!(
+        text,
+        "One method, varied along one axis at a time, on {scenes}. Written by\n\n```sh\n{command}\n```\n"
+    );
+    let _ = writeln!(text, "Machine: {machine}.\n\n{} {}\n", summary.protocol, summary.measured_as);
+    if !summary.dropped.is_empty() {
+        text.push_str("**Without figures**, and in no mean:\n\n");
+        for dropped in &summary.dropped {
+            let _ = writeln!(text, "- {}: {}", dropped.name, dropped.reason.replace('\n', " "));
+        }
+        text.push('\n');
+    }
+    text.push_str("## In short\n\n");
+    for said in statements(summary) {
+        let _ = writeln!(text, "- {said}");
+    }
+    for (title, path) in plots {
+        let _ = writeln!(text, "\n## {title}\n\n![{title}]({path})");
+    }
+    let _ = writeln!(
+        text,
+        "\nRinged points are on the front: no rival has more quality at no more cost. A point's name says what differs from the base, \
+         which is {}. Points that see measured depth, and those that differ in rendering alone, are no rivals.\n",
+        summary.points.iter().find(|row| row.label.base).map_or("none", |row| &row.label.point)
+    );
+    if !summary.shares.is_empty() {
+        let _ = writeln!(
+            text,
+            "## How many Gaussians for the quality of one per pixel\n\n{}\nBetween measured counts PSNR is taken to be straight over the \
+             logarithm of the count. The paper's share is that of its trained head on DL3DV.\n",
+            share_table(summary).to_markdown()
+        );
+    }
+    let _ = write!(text, "## Every point\n\n{}", points_table(summary).to_markdown());
+    text
+}
+
+/// How many windows, of which scenes, with which seeds.
+#[must_use]
+pub(super) fn windows_in_words(summary: &Summary) -> String {
+    let seeds: Vec<String> = summary.seeds.iter().map(u64::to_string).collect();
+    let plural = |n: usize, what: &str| if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") };
+    format!(
+        "{} ({}), {} {}",
+        plural(summary.windows.len(), "window"),
+        summary.windows.join(", "),
+        if seeds.len() == 1 { "seed" } else { "seeds" },
+        seeds.join(", ")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tradeoff::summary::tests::summary;
+
+    #[test]
+    fn knees_and_shares_are_said_in_words() {
+        let summary = summary(&[20.0, 22.8, 23.0], 22.9);
+        let said = statements(&summary).join("\n");
+        assert!(said.contains("entropy-10k costs 0.20 dB against the best (entropy-100k)"), "{said}");
+        assert!(said.contains("saves 90 000 Gaussians (90.0 %)"), "{said}");
+        assert!(
+            said.contains("entropy reaches the pixel-aligned PSNR (22.90 dB) at 31 623 Gaussians"),
+            "{said}"
+        );
+        assert!(said.contains("the paper says 22.0 %"), "{said}");
+    }
+
+    #[test]
+    fn a_share_that_is_not_reached_is_said_so() {
+        let summary = summary(&[20.0, 21.0], 25.0);
+        assert!(statements(&summary).join("\n").contains("does not reach"));
+        assert_eq!(share_table(&summary).rows()[0][1..3], ["not reached", "not reached"]);
+        let easy = crate::tradeoff::summary::tests::summary(&[20.0, 21.0], 19.0);
+        assert!(statements(&easy).join("\n").contains("1 000 Gaussians, the fewest"));
+    }
+
+    #[test]
+    fn documents_have_a_row_per_point_and_name_what_failed() {
+        let mut summary = summary(&[20.0, 21.0], 22.0);
+        summary.points[0].failed = Some("a \"reason\",\nwith a break".to_owned());
+        summary.dropped.push(crate::Dropped {
+            name: "gone/0".into(),
+            reason: "no file".into(),
+            failed: true,
+        });
+        let text = csv(&summary);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 1 + summary.points.len());
+        assert!(lines[1].ends_with("\"a \"\"reason\"\", with a break\""), "{}", lines[1]);
+        assert!(lines[2..].iter().all(|line| line.split(',').count() == lines[0].split(',').count()));
+        let plots = [("Quality over time", "x-seconds.svg".to_owned())];
+        let markdown = to_markdown(&summary, "a machine", "cargo xtask tradeoff", &plots);
+        for part in
+            ["a machine", "cargo xtask tradeoff", "![Quality over time](x-seconds.svg)", "gone/0: no file"]
+        {
+            assert!(markdown.contains(part), "{part}");
+        }
+        assert_eq!(points_table(&summary).rows()[0].last().unwrap(), "failed");
+    }
+}

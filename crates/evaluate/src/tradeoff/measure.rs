@@ -1,0 +1,153 @@
+//! One point on one window with one seed.
+
+use super::sweep::Point;
+use crate::figures::{Seconds, mean, median};
+use crate::recipe::{peak_rss_bytes, restart_peak_rss};
+use crate::render::{Rendered, render_as};
+use crate::window::{Stopwatch, compare};
+use crate::{Error, Method, Result, Step, Window};
+use gs_raster::{Rasterizer, RenderSettings};
+use gs_scene::{Gaussians, write_ply};
+use image_metrics::{psnr, ssim};
+use serde::{Deserialize, Serialize};
+use sparsesplat::{Config, Stage, ViewGeometry, Wanted, geometry, predict_from};
+use std::fs;
+use std::path::Path;
+use std::time::Instant;
+
+/// How the figures are taken, in words.
+pub const MEASURED_AS: &str = "Seconds are wall time from the first photograph read to the written scene; rendering is apart. The \
+backbone runs once per window and size of its photographs, and every point counts that time; all other stages run anew for each point \
+and seed. Seconds by stage are medians over seeds, then means over windows and scenes. Frames per second: the median over the held-out \
+views of the time of one picture, its copy into memory included, after one that is not timed. Memory: the most that the process held \
+(resident) while the point ran or the backbone before it, photographs, kept depth and earlier allocations included; memory of a GPU is \
+not in it. File: the PLY as it lies on disk, 32 bits per number.";
+
+/// What a point gave on a window with a seed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// `scene/window`.
+    pub window: String,
+    /// SHA-256 of its views.
+    pub data_sha256: String,
+    /// Seed of the sampling.
+    pub seed: u64,
+    /// Name of the point.
+    pub point: String,
+    /// Gaussians, far shell included.
+    pub gaussians: usize,
+    /// Mean PSNR over the held-out targets, dB; none without targets, or if a rendering is without error.
+    pub psnr_held_out: Option<f64>,
+    /// Mean SSIM over the held-out targets; none without targets.
+    pub ssim_held_out: Option<f64>,
+    /// Wall time by stage, the window's backbone included.
+    pub seconds: Seconds,
+    /// Median time of rendering one target, seconds; none without targets.
+    pub seconds_per_frame: Option<f64>,
+    /// Size of the written PLY, bytes.
+    pub ply_bytes: u64,
+    /// Most memory that the process held, bytes; none where the system does not count it anew.
+    pub peak_rss_bytes: Option<u64>,
+}
+
+/// What the backbone says of a window, for all points that share it.
+pub(super) struct Survey {
+    geometry: Vec<ViewGeometry>,
+    depth_range: (f64, f64),
+    seconds: f64,
+    peak_rss_bytes: Option<u64>,
+}
+
+impl Survey {
+    pub(super) fn of(
+        window: &Window,
+        config: &Config,
+        wanted: Wanted,
+        on_step: &mut dyn FnMut(Step),
+    ) -> Result<Self> {
+        on_step(Step::Predict(Stage::Backbone));
+        let counts = restart_peak_rss();
+        let mut taken = Stopwatch::new();
+        let (geometry, depth_range) = taken.time(|| geometry(&window.context, config, wanted))?;
+        let peak_rss_bytes = peak_rss_bytes().filter(|_| counts);
+        Ok(Self { geometry, depth_range, seconds: taken.seconds, peak_rss_bytes })
+    }
+}
+
+/// Measures a point; `method` is the point's, with seed and depth range set. The scene is written to `scratch`, which is left there.
+pub(super) fn measure(
+    window: &Window,
+    data_sha256: &str,
+    survey: &Survey,
+    point: &Point,
+    method: &Method,
+    rasterizer: &mut Rasterizer,
+    scratch: &Path,
+    on_step: &mut dyn FnMut(Step),
+) -> Result<(Measured, Vec<Rendered>)> {
+    let counts = restart_peak_rss();
+    let begin = Instant::now();
+    let mut on_stage = |stage| on_step(Step::Predict(stage));
+    let Survey { geometry, depth_range, .. } = survey;
+    let mut prediction =
+        predict_from(&window.context, geometry, *depth_range, &method.predict, &mut on_stage)?;
+    let mut refining = Stopwatch::new();
+    let nothing = |_: &Gaussians, _: &mut Rasterizer| Ok(f64::NAN);
+    if method.refine.is_some() {
+        refining.time(|| method.refine(window, &mut prediction, rasterizer, &nothing, on_step))?;
+    }
+    let mut writing = Stopwatch::new();
+    writing.time(|| write_ply(scratch, &prediction.gaussians))?;
+    let after_backbone = begin.elapsed().as_secs_f64();
+    let read = |source| gs_scene::Error::Io { action: "read", path: scratch.to_path_buf(), source };
+    let ply_bytes = fs::metadata(scratch).map_err(read).map_err(Error::from)?.len();
+
+    on_step(Step::Render);
+    let settings = RenderSettings {
+        alpha_min: point.cuts.alpha_min,
+        transmittance_min: point.cuts.transmittance_min,
+        ..RenderSettings::default()
+    };
+    let scene = &prediction.gaussians;
+    if let Some(first) = window.targets.first() {
+        render_as(rasterizer, scene, first.camera(), settings)?;
+    }
+    let (mut renderings, mut frames) = (Vec::new(), Vec::new());
+    let (mut psnrs, mut ssims) = (Vec::new(), Vec::new());
+    for target in &window.targets {
+        let mut frame = Stopwatch::new();
+        let rendered = frame.time(|| render_as(rasterizer, scene, target.camera(), settings))?;
+        frames.push(frame.seconds);
+        psnrs.push(compare(psnr, target, &rendered.image)?);
+        ssims.push(compare(ssim, target, &rendered.image)?);
+        renderings.push(rendered);
+    }
+    let own_peak = peak_rss_bytes().filter(|_| counts);
+    let render: f64 = frames.iter().sum();
+    let total = window.load_seconds + survey.seconds + after_backbone + render;
+    let seconds = Seconds::default().with_stages(&prediction.seconds);
+    let seconds = Seconds {
+        load: window.load_seconds,
+        backbone: survey.seconds,
+        refine: refining.seconds,
+        write: writing.seconds,
+        render,
+        total,
+        ..seconds
+    };
+    let finite = |value: f64| Some(value).filter(|value| value.is_finite());
+    let measured = Measured {
+        window: window.name.clone(),
+        data_sha256: data_sha256.to_owned(),
+        seed: method.predict.seed,
+        point: point.label.point.clone(),
+        gaussians: prediction.counts.total,
+        psnr_held_out: finite(mean(psnrs.into_iter())),
+        ssim_held_out: finite(mean(ssims.into_iter())),
+        seconds,
+        seconds_per_frame: finite(median(frames.into_iter())),
+        ply_bytes,
+        peak_rss_bytes: own_peak.max(survey.peak_rss_bytes),
+    };
+    Ok((measured, renderings))
+}

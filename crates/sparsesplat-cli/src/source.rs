@@ -1,0 +1,76 @@
+//! Which windows a command measures on.
+
+use crate::arguments::{positive, size};
+use crate::datasets::Dataset;
+use crate::failure::{Failure, Outcome};
+use clap::Args;
+use evaluate::{Dropped, Plan, Reading, SIMULATED_SIZE, SimulatedScene, Windows};
+use scene_sim::Kind;
+use std::path::PathBuf;
+
+/// Where windows come from, and how their pictures are read.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct Source {
+    /// Folder of a scene, or of several
+    #[arg(long, value_name = "DIR")]
+    root: Option<PathBuf>,
+    /// Context and target views of each window [default: evaluation_index.json in the folder of each scene, if there is one]
+    #[arg(long, value_name = "FILE", requires = "root")]
+    index: Option<PathBuf>,
+    /// Context views where there is no index
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6)]
+    views: usize,
+    /// Where there is no index, so many windows along the path of each scene [default: 3 for videos, else one of views chosen by
+    /// their overlap]
+    #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "index")]
+    windows: Option<usize>,
+    /// Scale and crop photographs to this size [default: as they lie on disk]
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<(usize, usize)>,
+}
+
+/// The windows that are asked for, what is left out of them, and how they are read.
+pub(crate) struct Planned {
+    pub(crate) plans: Vec<Plan>,
+    pub(crate) dropped: Vec<Dropped>,
+    pub(crate) reading: Reading,
+}
+
+impl Source {
+    /// The windows of a data set; `generated` simulated scenes stand beside that of the demo.
+    pub(crate) fn plan(&self, dataset: Dataset, generated: u64, depth_hint: bool) -> Outcome<Planned> {
+        let reading = Reading { format: None, size: self.size, depth_hint };
+        if dataset == Dataset::Simulated {
+            if depth_hint {
+                return Err(Failure::input(
+                    "simulated scenes have no hint: --depth-range takes estimate or NEAR,FAR here",
+                ));
+            }
+            let size = self.size.unwrap_or(SIMULATED_SIZE);
+            let generated = (0..generated).map(|seed| SimulatedScene::Generated(Kind::of_seed(seed), seed));
+            let scenes = std::iter::once(SimulatedScene::Courtyard).chain(generated);
+            let plans = scenes.map(|scene| Plan::simulated(scene, size)).collect();
+            return Ok(Planned { plans, dropped: Vec::new(), reading });
+        }
+        let Some(root) = &self.root else {
+            let explanation = dataset.explanation();
+            return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
+        };
+        let reading = Reading { format: dataset.format(root), ..reading };
+        let found = match &self.index {
+            Some(index) => Plan::of_index(root, index, reading),
+            None => {
+                let windows = Windows { views: self.views, along: self.windows };
+                Plan::below(root, windows, reading)
+            }
+        };
+        let (plans, dropped) = found.map_err(|error| match error {
+            evaluate::Error::Data(view_data::Error::NoLayout { .. } | view_data::Error::Read { .. }) => {
+                let problem = Failure::sorted(error);
+                Failure::lines(format!("{problem}\n{}", dataset.explanation()))
+            }
+            error => Failure::sorted(error),
+        })?;
+        Ok(Planned { plans, dropped, reading })
+    }
+}
