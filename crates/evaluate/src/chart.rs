@@ -45,8 +45,30 @@ pub(crate) fn style(colour: RGBColor, stroke_width: u32) -> ShapeStyle {
     ShapeStyle { color: colour.to_rgba(), filled: true, stroke_width }
 }
 
-/// Axes with a name each.
+/// Axes with a name each, numbers as they are.
 pub(crate) fn axes<X, Y>(chart: &mut Chart<'_, '_, X, Y>, x: &str, y: &str) -> Drawn
+where
+    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    axes_of(chart, x, y, &X::format)
+}
+
+/// Axes with a name each, those along x counts: `40k`.
+pub(crate) fn axes_of_counts<X, Y>(chart: &mut Chart<'_, '_, X, Y>, x: &str, y: &str) -> Drawn
+where
+    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    let short = |count: &f64| match *count {
+        million if million >= 1e6 => format!("{}M", million / 1e6),
+        thousand if thousand >= 1e3 => format!("{}k", thousand / 1e3),
+        few => few.to_string(),
+    };
+    axes_of(chart, x, y, &short)
+}
+
+fn axes_of<X, Y>(chart: &mut Chart<'_, '_, X, Y>, x: &str, y: &str, number: &dyn Fn(&f64) -> String) -> Drawn
 where
     X: Ranged<ValueType = f64> + ValueFormatter<f64>,
     Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
@@ -56,6 +78,7 @@ where
         .light_line_style(TRANSPARENT)
         .x_desc(x)
         .y_desc(y)
+        .x_label_formatter(number)
         .label_style(("sans-serif", 14))
         .axis_desc_style(("sans-serif", 15))
         .draw()?;

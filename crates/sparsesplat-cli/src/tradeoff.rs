@@ -59,7 +59,7 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Of N parts of the windows the I-th, from 0 [default: as SLURM or Kubernetes says, else all]
-    #[arg(long, value_name = "I/N", requires = "output")]
+    #[arg(long, value_name = "I/N", requires = "output", allow_hyphen_values = true)]
     shard: Option<Shard>,
     /// Measure nothing: join the shards in these folders
     #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["output", "shard", "quick", "seeds", "root", "scenes"])]

@@ -7,8 +7,11 @@ use crate::figures::Seconds;
 use crate::page::escape;
 use std::fmt::Write;
 
+/// A stage's time, seconds.
+type Time = fn(&Seconds) -> f64;
+
 /// Stages as the bars show them, the paper's names where it has them.
-const STAGES: [(&str, fn(&Seconds) -> f64); 7] = [
+const STAGES: [(&str, Time); 7] = [
     ("load", |s| s.load),
     ("backbone", |s| s.backbone),
     ("exposure, shell, sampling", |s| s.exposure + s.shell + s.sampling),

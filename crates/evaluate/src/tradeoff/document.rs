@@ -46,7 +46,12 @@ pub fn statements(summary: &Summary) -> Vec<String> {
 }
 
 fn costs(knee: &Knee) -> String {
-    format!("{} costs {} dB against the best ({})", knee.point, decibel(knee.decibels), knee.best)
+    format!(
+        "Along the budget {} costs {} dB against the best ({})",
+        knee.point,
+        decibel(knee.decibels),
+        knee.best
+    )
 }
 
 fn percent(share: f64) -> String {

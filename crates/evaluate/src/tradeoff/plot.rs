@@ -3,8 +3,11 @@
 use super::breakdown::breakdown;
 use super::summary::{Row, Summary};
 use super::sweep::Axis;
-use crate::chart::{COLOURS, Drawn, SIZE, axes, legend, line, marks, range, style, svg};
+use crate::chart::{
+    COLOURS, Chart, Drawn, SIZE, axes, axes_of_counts, legend, line, marks, range, style, svg,
+};
 use plotters::coord::Shift;
+use plotters::coord::ranged1d::Ranged;
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -12,12 +15,18 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 /// Colour of the front.
 const FRONT: RGBColor = BLACK;
 
-/// The plots, each with a name for files and a title: quality over time, quality over Gaussians, frames per second over Gaussians, and
+/// The plots, each with a name for files and a title: quality over time, the same without the
+/// backbone, quality over Gaussians, frames per second over Gaussians, and
 /// where the time goes.
 #[must_use]
 pub fn tradeoff_plots(summary: &Summary) -> Vec<(&'static str, &'static str, String)> {
     vec![
         ("seconds", "Quality over time", svg(SIZE, |area| over_seconds(area, summary))),
+        (
+            "after-backbone",
+            "Quality over time after the backbone",
+            svg(SIZE, |area| after_backbone(area, summary)),
+        ),
         ("gaussians", "Quality over Gaussians", svg(SIZE, |area| over_gaussians(area, summary))),
         ("frames", "Rendering over Gaussians", svg(SIZE, |area| frames(area, summary))),
         ("stages", "Where the time goes", breakdown(summary)),
@@ -48,38 +57,68 @@ fn steps(front: &[(f64, f64)]) -> Vec<(f64, f64)> {
 
 fn over_seconds(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) -> Drawn {
     let seconds = |row: &Row| row.seconds_to_gaussians;
-    // Beyond it the front alone goes on: refinement takes as long as one likes.
-    let times = range(shown(summary).map(seconds), 0.06);
-    let psnrs = range(shown(summary).map(|row| row.psnr_held_out), 0.08);
-    let mut chart = ChartBuilder::on(area)
-        .margin(12)
-        .x_label_area_size(40)
-        .y_label_area_size(52)
-        .build_cartesian_2d(times.start.max(0.0)..times.end, psnrs)?;
-    axes(&mut chart, "seconds from photographs to Gaussians", "PSNR of held-out views, dB")?;
+    let rivals = || shown(summary).filter(|row| row.label.axis.competes());
+    let times = range(rivals().map(seconds), 0.08);
+    let mut chart =
+        ChartBuilder::on(area).margin(12).x_label_area_size(40).y_label_area_size(52).build_cartesian_2d(
+            times.start.max(0.0)..times.end,
+            range(rivals().map(|row| row.psnr_held_out), 0.08),
+        )?;
+    axes(&mut chart, "seconds from photographs to Gaussians", PSNR)?;
     let front = front(summary, |row| row.on_front_of_seconds, seconds);
     line(&mut chart, "nothing is better and faster", &steps(&front), style(FRONT, 1), 0)?;
-    let curves = summary.curves();
-    for (i, (name, rows)) in curves.iter().enumerate() {
-        let points: Vec<(f64, f64)> = rows.iter().map(|row| (seconds(row), row.psnr_held_out)).collect();
-        line(&mut chart, name, &points, style(COLOURS[i % COLOURS.len()], if i == 0 { 3 } else { 1 }), 3)?;
-    }
-    let others = shown(summary).filter(|row| {
-        !matches!(row.label.axis, Axis::Allocation | Axis::Renderer)
-            && !curves.iter().any(|(_, rows)| rows.contains(row))
-    });
-    for row in others {
-        let at = (seconds(row), row.psnr_held_out);
-        marks(&mut chart, &[at], style(COLOURS[6], 1), 3)?;
-        label(&mut chart, at, &row.label.point, COLOURS[6])?;
-    }
+    curves(&mut chart, summary, seconds)?;
+    others(&mut chart, summary, seconds)?;
     rings(&mut chart, &front)?;
-    if let Some((_, rows)) = curves.first() {
-        for row in rows {
-            label(&mut chart, (seconds(row), row.psnr_held_out), &row.label.point, COLOURS[0])?;
-        }
-    }
+    legend(&mut chart, SeriesLabelPosition::UpperLeft)
+}
+
+fn after_backbone(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) -> Drawn {
+    let seconds = |row: &Row| row.seconds_to_gaussians - row.seconds.backbone - row.seconds.load;
+    let rivals = || shown(summary).filter(|row| row.label.axis.competes());
+    let mut chart =
+        ChartBuilder::on(area).margin(12).x_label_area_size(40).y_label_area_size(52).build_cartesian_2d(
+            0.0..range(rivals().map(seconds), 0.12).end,
+            range(rivals().map(|row| row.psnr_held_out), 0.08),
+        )?;
+    axes(&mut chart, "seconds after loading and the backbone", PSNR)?;
+    curves(&mut chart, summary, seconds)?;
+    others(&mut chart, summary, seconds)?;
     legend(&mut chart, SeriesLabelPosition::LowerRight)
+}
+
+const PSNR: &str = "PSNR of held-out views, dB";
+
+/// A line per allocation, PSNR over a cost.
+fn curves<X, Y>(chart: &mut Chart<'_, '_, X, Y>, summary: &Summary, cost: fn(&Row) -> f64) -> Drawn
+where
+    X: Ranged<ValueType = f64>,
+    Y: Ranged<ValueType = f64>,
+{
+    for (i, (name, rows)) in summary.curves().iter().enumerate() {
+        let points: Vec<(f64, f64)> = rows.iter().map(|row| (cost(row), row.psnr_held_out)).collect();
+        line(chart, name, &points, style(COLOURS[i % COLOURS.len()], if i == 0 { 3 } else { 2 }), 3)?;
+    }
+    Ok(())
+}
+
+/// Rivals that are on no line, by name.
+fn others<X, Y>(chart: &mut Chart<'_, '_, X, Y>, summary: &Summary, cost: fn(&Row) -> f64) -> Drawn
+where
+    X: Ranged<ValueType = f64>,
+    Y: Ranged<ValueType = f64>,
+{
+    let curves = summary.curves();
+    let is_other =
+        |row: &&Row| row.label.axis.competes() && !curves.iter().any(|(_, rows)| rows.contains(row));
+    for row in shown(summary).filter(is_other) {
+        let at = (cost(row), row.psnr_held_out);
+        marks(chart, &[at], style(COLOURS[6], 1), 3)?;
+        let font = ("sans-serif", 12).into_font().color(&COLOURS[6]).pos(Pos::new(HPos::Left, VPos::Bottom));
+        let text = EmptyElement::at(at) + Text::new(row.label.point.clone(), (6, -4), font);
+        chart.draw_series(std::iter::once(text))?;
+    }
+    Ok(())
 }
 
 /// A logarithmic range around the positive numbers.
@@ -96,15 +135,12 @@ fn over_gaussians(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) 
             logarithmic(rows().map(count)).log_scale(),
             range(rows().map(|row| row.psnr_held_out), 0.08),
         )?;
-    axes(&mut chart, "Gaussians", "PSNR of held-out views, dB")?;
-    for (i, (name, rows)) in summary.curves().iter().enumerate() {
-        let points: Vec<(f64, f64)> = rows.iter().map(|row| (count(row), row.psnr_held_out)).collect();
-        line(&mut chart, name, &points, style(COLOURS[i % COLOURS.len()], if i == 0 { 3 } else { 2 }), 3)?;
-    }
+    axes_of_counts(&mut chart, "Gaussians", PSNR)?;
+    curves(&mut chart, summary, count)?;
     if let Some(aligned) = summary.pixel_aligned().filter(|row| row.psnr_held_out.is_finite()) {
         let (low, high) = (rows().map(count).fold(f64::INFINITY, f64::min), aligned.gaussians);
         let level = [(low, aligned.psnr_held_out), (high, aligned.psnr_held_out)];
-        let dashes = DashedPathElement::new(level.into_iter(), 6, 5, style(COLOURS[6], 1));
+        let dashes = DashedPathElement::new(level, 6, 5, style(COLOURS[6], 1));
         let key = style(COLOURS[6], 1);
         chart
             .draw_series(std::iter::once(dashes))?
@@ -127,9 +163,9 @@ fn frames(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) -> Drawn
     let mut chart =
         ChartBuilder::on(area).margin(12).x_label_area_size(40).y_label_area_size(60).build_cartesian_2d(
             logarithmic(rows().map(|row| row.gaussians)).log_scale(),
-            logarithmic(rows().map(rate)).log_scale(),
+            0.0..range(rows().map(rate), 0.1).end,
         )?;
-    axes(&mut chart, "Gaussians", "frames per second")?;
+    axes_of_counts(&mut chart, "Gaussians", "frames per second")?;
     for (i, (name, rows)) in summary.curves().iter().enumerate() {
         let points: Vec<(f64, f64)> = rows.iter().map(|row| (row.gaussians, rate(row))).collect();
         line(&mut chart, name, &points, style(COLOURS[i % COLOURS.len()], 2), 3)?;
@@ -142,30 +178,13 @@ fn frames(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) -> Drawn
 }
 
 /// Rings around the points of a front.
-fn rings<X, Y>(chart: &mut crate::chart::Chart<'_, '_, X, Y>, front: &[(f64, f64)]) -> Drawn
+fn rings<X, Y>(chart: &mut Chart<'_, '_, X, Y>, front: &[(f64, f64)]) -> Drawn
 where
-    X: plotters::coord::ranged1d::Ranged<ValueType = f64>,
-    Y: plotters::coord::ranged1d::Ranged<ValueType = f64>,
+    X: Ranged<ValueType = f64>,
+    Y: Ranged<ValueType = f64>,
 {
     let ring = ShapeStyle { filled: false, ..style(FRONT, 1) };
     marks(chart, front, ring, 7)
-}
-
-/// A point's name above it.
-fn label<X, Y>(
-    chart: &mut crate::chart::Chart<'_, '_, X, Y>,
-    at: (f64, f64),
-    name: &str,
-    colour: RGBColor,
-) -> Drawn
-where
-    X: plotters::coord::ranged1d::Ranged<ValueType = f64>,
-    Y: plotters::coord::ranged1d::Ranged<ValueType = f64>,
-{
-    let font = ("sans-serif", 12).into_font().color(&colour).pos(Pos::new(HPos::Left, VPos::Bottom));
-    let text = EmptyElement::at(at) + Text::new(name.to_owned(), (6, -3), font);
-    chart.draw_series(std::iter::once(text))?;
-    Ok(())
 }
 
 #[cfg(test)]

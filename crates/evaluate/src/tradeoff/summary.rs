@@ -74,9 +74,9 @@ pub struct Summary {
     pub seeds: Vec<u64>,
     /// One row per point.
     pub points: Vec<Row>,
-    /// Where the front of quality over seconds bends.
+    /// Where quality over seconds bends, along the budget.
     pub knee_of_seconds: Option<Knee>,
-    /// Where the front of quality over Gaussians bends.
+    /// Where quality over Gaussians bends, along the budget.
     pub knee_of_gaussians: Option<Knee>,
     /// What each allocation needs for the pixel-aligned PSNR.
     pub shares: Vec<Share>,
@@ -97,8 +97,10 @@ impl Summary {
                 dropped.push(Dropped { name: row.label.point.clone(), reason, failed: true });
             }
         }
-        let by_seconds = front(&points, |row| row.seconds_to_gaussians);
-        let by_gaussians = front(&points, |row| row.gaussians);
+        let seconds = |row: &Row| row.seconds_to_gaussians;
+        let gaussians = |row: &Row| row.gaussians;
+        let by_seconds = front(&points, Axis::competes, seconds);
+        let by_gaussians = front(&points, Axis::competes, gaussians);
         by_seconds.iter().for_each(|&i| points[i].on_front_of_seconds = true);
         by_gaussians.iter().for_each(|&i| points[i].on_front_of_gaussians = true);
         Self {
@@ -107,8 +109,8 @@ impl Summary {
             windows: found.windows.iter().map(|&window| window.to_owned()).collect(),
             data_sha256: hash::of_all(found.windows.iter().filter_map(|window| found.data_sha256(window))),
             seeds: header.seeds.clone(),
-            knee_of_seconds: knee_of(&points, &by_seconds, |row| row.seconds_to_gaussians),
-            knee_of_gaussians: knee_of(&points, &by_gaussians, |row| row.gaussians),
+            knee_of_seconds: knee_of(&points, seconds),
+            knee_of_gaussians: knee_of(&points, gaussians),
             shares: shares(&points),
             points,
             dropped,
@@ -157,15 +159,17 @@ fn curves(points: &[Row]) -> Vec<(&str, Vec<&Row>)> {
     curves
 }
 
-/// Positions of the points on the front of PSNR over a cost.
-fn front(points: &[Row], cost: fn(&Row) -> f64) -> Vec<usize> {
-    let rivals: Vec<usize> = (0..points.len()).filter(|&i| points[i].label.axis.competes()).collect();
+/// Positions of the points on the front of PSNR over a cost, among those of some axes.
+fn front(points: &[Row], competes: fn(Axis) -> bool, cost: fn(&Row) -> f64) -> Vec<usize> {
+    let rivals: Vec<usize> = (0..points.len()).filter(|&i| competes(points[i].label.axis)).collect();
     let values: Vec<(f64, f64)> =
         rivals.iter().map(|&i| (cost(&points[i]), points[i].psnr_held_out)).collect();
     pareto_front(&values).into_iter().map(|i| rivals[i]).collect()
 }
 
-fn knee_of(points: &[Row], front: &[usize], cost: fn(&Row) -> f64) -> Option<Knee> {
+/// The knee of the budget: of the front that its points alone make.
+fn knee_of(points: &[Row], cost: fn(&Row) -> f64) -> Option<Knee> {
+    let front = front(points, |axis| axis == Axis::Budget, cost);
     let values: Vec<(f64, f64)> =
         front.iter().map(|&i| (cost(&points[i]), points[i].psnr_held_out)).collect();
     let (knee, best) = (&points[front[knee(&values)?]], &points[*front.last()?]);
