@@ -142,12 +142,12 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     for dropped in &header.dropped {
         progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
     }
-    let pictures = Pictures::below(&[folder.path.clone()]);
+    let pictures = Pictures::below(std::slice::from_ref(&folder.path));
     let scratch = folder.path.join(format!("scratch-{}.tmp.ply", shard.index));
     let mut running = String::new();
     let swept = sweep.run(&mut journal, &pictures, &scratch, &mut rasterizer, &mut |event| match event {
         tradeoff::Progress::Point { window, point, seed } => {
-            running = format!("{window} {point} (seed {seed})")
+            running = format!("{window} {point} (seed {seed})");
         }
         tradeoff::Progress::Step(step) => progress.say(format!("{running}: {}", describe(step))),
         tradeoff::Progress::Done(runs) => (0..runs).for_each(|_| progress.step()),
