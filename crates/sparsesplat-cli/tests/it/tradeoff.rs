@@ -78,7 +78,7 @@ fn a_sweep_writes_all_that_is_asked_for_and_goes_on_where_it_was_cut() {
         "K=5",
         "bernoulli",
         "half-size",
-        "given-depth",
+        "closed-form-2k",
     ] {
         assert!(names.contains(&name), "{name}");
     }
