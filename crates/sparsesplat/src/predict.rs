@@ -13,13 +13,14 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
     if config.budget == Budget::Gaussians(0) {
         return Err(Error::EmptyBudget);
     }
-    let head = LearnedHead::chosen(config)?;
-    let mut backbone = 0.0;
+    let (mut reading, mut backbone) = (0.0, 0.0);
+    let head = timed(&mut reading, || LearnedHead::chosen(config))?;
     on_stage(Stage::Backbone);
     let (mut geometry, depth_range) =
         timed(&mut backbone, || geometry(views, config, wanted_by(head.as_ref())))?;
     let mut prediction = finish(views, &geometry, depth_range, config, head.as_ref(), on_stage)?;
     prediction.seconds.backbone = backbone;
+    prediction.seconds.head += reading;
     // They are large, and nobody needs them any more.
     geometry.iter_mut().for_each(|view| view.features = None);
     prediction.geometry = geometry;
@@ -38,8 +39,10 @@ pub fn predict_from(
     config: &Config,
     on_stage: &mut dyn FnMut(Stage),
 ) -> Result<Prediction> {
-    let head = LearnedHead::chosen(config)?;
+    let mut reading = 0.0;
+    let head = timed(&mut reading, || LearnedHead::chosen(config))?;
     let mut prediction = finish(views, geometry, depth_range, config, head.as_ref(), on_stage)?;
+    prediction.seconds.head += reading;
     let plain = |view: &ViewGeometry| ViewGeometry {
         depth: view.depth.clone(),
         confidence: view.confidence.clone(),

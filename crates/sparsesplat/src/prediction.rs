@@ -107,7 +107,7 @@ pub struct StageSeconds {
     pub backproject: f64,
     /// Neighbours of anchors.
     pub knn: f64,
-    /// Attributes of anchors.
+    /// Attributes of anchors; the head's weights are read in it.
     pub head: f64,
     /// Attributes to one set of Gaussians.
     pub decode: f64,

@@ -1,6 +1,7 @@
 //! The plots of a sweep as SVG.
 
 use super::breakdown::breakdown;
+use super::front::pareto_front;
 use super::summary::{Row, Summary};
 use super::sweep::Axis;
 use crate::chart::{
@@ -38,9 +39,11 @@ fn shown(summary: &Summary) -> impl Iterator<Item = &Row> {
     summary.points.iter().filter(|row| row.failed.is_none() && row.psnr_held_out.is_finite())
 }
 
-fn front(summary: &Summary, on: fn(&Row) -> bool, cost: fn(&Row) -> f64) -> Vec<(f64, f64)> {
+/// The front of quality over seconds, in order of the seconds.
+fn front_of_seconds(summary: &Summary) -> Vec<(f64, f64)> {
+    let on_front = shown(summary).filter(|row| row.on_front_of_seconds);
     let mut front: Vec<(f64, f64)> =
-        shown(summary).filter(|row| on(row)).map(|row| (cost(row), row.psnr_held_out)).collect();
+        on_front.map(|row| (row.seconds_to_gaussians, row.psnr_held_out)).collect();
     front.sort_by(|a, b| a.0.total_cmp(&b.0));
     front
 }
@@ -65,7 +68,7 @@ fn over_seconds(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) ->
             range(rivals().map(|row| row.psnr_held_out), 0.08),
         )?;
     axes(&mut chart, "seconds from photographs to Gaussians", PSNR)?;
-    let front = front(summary, |row| row.on_front_of_seconds, seconds);
+    let front = front_of_seconds(summary);
     line(&mut chart, "nothing is better and faster", &steps(&front), style(FRONT, 1), 0)?;
     curves(&mut chart, summary, seconds)?;
     others(&mut chart, summary, seconds)?;
@@ -148,11 +151,9 @@ fn over_gaussians(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) 
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], key));
         marks(&mut chart, &level[1..], style(COLOURS[6], 1), 5)?;
     }
-    let front = front(
-        summary,
-        |row| row.on_front_of_gaussians && matches!(row.label.axis, Axis::Budget | Axis::Allocation),
-        count,
-    );
+    // Of what is drawn: refined points, which would beat most of it, are not.
+    let drawn: Vec<(f64, f64)> = rows().map(|row| (count(row), row.psnr_held_out)).collect();
+    let front: Vec<(f64, f64)> = pareto_front(&drawn).into_iter().map(|i| drawn[i]).collect();
     rings(&mut chart, &front)?;
     legend(&mut chart, SeriesLabelPosition::LowerRight)
 }
