@@ -1,5 +1,5 @@
 use crate::{Error, Result};
-use gs_scene::{DepthMap, FeatureMap, View};
+use gs_scene::{DepthMap, FeatureMap, Gaussians, View};
 
 /// What a backbone knows of one view (paper, section 3.1): geometry and features at the view's own size.
 #[derive(Debug, Clone)]
@@ -11,6 +11,8 @@ pub struct ViewGeometry {
     pub confidence: Vec<f32>,
     /// Image features F, `[C, height, width]`, if they were wanted.
     pub features: Option<FeatureMap>,
+    /// One Gaussian per pixel, row by row, in the world, by the backbone's own head, if they were wanted.
+    pub gaussians: Option<Gaussians>,
 }
 
 impl ViewGeometry {
@@ -28,6 +30,15 @@ pub enum Wanted {
     Depth,
     /// Features as well.
     DepthAndFeatures,
+    /// Depth, and Gaussians by the backbone's own head: an error where it has none.
+    DepthAndGaussians,
+}
+
+impl Wanted {
+    /// That no Gaussians are wanted of a backbone that makes none.
+    pub(crate) fn without_own_head(self, backbone: &'static str) -> Result<()> {
+        if self == Self::DepthAndGaussians { Err(Error::NoOwnHead { backbone }) } else { Ok(()) }
+    }
 }
 
 /// Frozen network or hand-made stereo: anything that gives depth and features for a set of views.

@@ -74,6 +74,19 @@ pub enum Error {
         /// Row.
         y: usize,
     },
+    /// A Gaussian of the network's own head is none.
+    #[cfg(feature = "depthsplat")]
+    #[error(
+        "view {view}: the network's Gaussian at pixel ({x}, {y}) is not finite: its weights or the picture are extreme"
+    )]
+    GaussianNotFinite {
+        /// Name of the view.
+        view: String,
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+    },
     /// A file of weights cannot be read, or is none.
     #[cfg(feature = "depthsplat")]
     #[error("weights {path}: cannot be read as a PyTorch archive or safetensors", path = path.display())]
@@ -118,9 +131,15 @@ pub enum Error {
     /// Features from weights that are for depth alone.
     #[cfg(feature = "depthsplat")]
     #[error(
-        "the weights are for depth alone, and features are wanted: use a checkpoint with `feature_upsampler`"
+        "the weights are for depth alone, and features or Gaussians are wanted: use a checkpoint with `feature_upsampler`"
     )]
     NoFeatureWeights,
+    /// Gaussians of a backbone that has no head of its own.
+    #[error("{backbone} has no head of its own that makes Gaussians: use DepthSplat's network, or another head")]
+    NoOwnHead {
+        /// The backbone.
+        backbone: &'static str,
+    },
     /// An operation on tensors failed.
     #[cfg(feature = "depthsplat")]
     #[error(transparent)]

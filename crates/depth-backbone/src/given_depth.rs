@@ -34,6 +34,7 @@ impl GivenDepth {
 
 impl DepthBackbone for GivenDepth {
     fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
+        wanted.without_own_head("measured depth")?;
         check_pixels(views)?;
         views
             .iter()
@@ -44,12 +45,12 @@ impl DepthBackbone for GivenDepth {
                     depth.data().iter().map(|&d| if d > 0.0 { 1.0 } else { 0.0 }).collect();
                 let cost = vec![0.0; confidence.len()];
                 let features = match wanted {
-                    Wanted::Depth => None,
+                    Wanted::Depth | Wanted::DepthAndGaussians => None,
                     Wanted::DepthAndFeatures => {
                         Some(features::bank(view, &depth, &confidence, &cost)?.with_schema(Self::SCHEMA))
                     }
                 };
-                Ok(ViewGeometry { depth, confidence, features })
+                Ok(ViewGeometry { depth, confidence, features, gaussians: None })
             })
             .collect()
     }

@@ -86,6 +86,7 @@ impl PlaneSweep {
 
 impl DepthBackbone for PlaneSweep {
     fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
+        wanted.without_own_head("plane-sweep stereo")?;
         if self.sources == 0 {
             return Err(Error::Setting { setting: "sources", found: 0.0, expected: "1 or more" });
         }
@@ -127,7 +128,7 @@ impl DepthBackbone for PlaneSweep {
                 let (width, height) = (view.texture.width, view.texture.height);
                 let depth = DepthMap::new(width, height, inverse_depth.iter().map(|w| 1.0 / w).collect())?;
                 let features = match wanted {
-                    Wanted::Depth => None,
+                    Wanted::Depth | Wanted::DepthAndGaussians => None,
                     Wanted::DepthAndFeatures => {
                         let camera = view.view.camera();
                         let sources: Vec<Source> =
@@ -136,7 +137,7 @@ impl DepthBackbone for PlaneSweep {
                         Some(features::bank(view.view, &depth, &confidence, &cost)?.with_schema(Self::SCHEMA))
                     }
                 };
-                Ok(ViewGeometry { depth, confidence, features })
+                Ok(ViewGeometry { depth, confidence, features, gaussians: None })
             })
             .collect()
     }

@@ -54,21 +54,30 @@ impl Source for Tensors {
     }
 }
 
-/// Parameters of the network in a file, and which network it is; whether it has weights for features and Gaussians. What is wrong with
-/// them shows when they have been asked for: [`check`].
-pub(super) fn open(path: &Path, device: &Device) -> Result<(Params, Variant, bool)> {
+/// A file of weights. What is wrong with them shows when they have been asked for: [`check`].
+pub(super) struct Opened {
+    pub(super) params: Params,
+    pub(super) variant: Variant,
+    /// Whether it has weights for features and Gaussians.
+    pub(super) with_heads: bool,
+    /// First eight hexadecimal digits of the file's SHA-256.
+    pub(super) sha256_start: String,
+}
+
+/// Parameters of the network in a file, and which network it is.
+pub(super) fn open(path: &Path, device: &Device) -> Result<Opened> {
     let unreadable = |source| Error::WeightsUnreadable { path: path.to_owned(), source };
     let mut file = std::fs::File::open(path).map_err(|e| unreadable(e.into()))?;
     let mut start = [0; 4];
     file.read_exact(&mut start).map_err(|e| unreadable(e.into()))?;
-    check_hash(path)?;
+    let sha256_start = checked_hash(path)?;
     let tensors = if &start == b"PK\x03\x04" { read_pickle(path) } else { read_safetensors(path) };
     let tensors = tensors.map_err(unreadable)?;
     let shape = |name: &str| tensors.shape(name);
     let variant = Variant::detect(shape)
         .ok_or_else(|| Error::WeightsUnknown { path: path.to_owned(), found: tensors.entries.len() })?;
     let with_heads = tensors.entries.keys().any(|name| !name.starts_with(PREDICTOR));
-    Ok((Params::from_source(Box::new(tensors), device), variant, with_heads))
+    Ok(Opened { params: Params::from_source(Box::new(tensors), device), variant, with_heads, sha256_start })
 }
 
 /// That all of a file fits, after the network has asked for what it needs.
@@ -86,14 +95,8 @@ pub(super) fn check(path: &Path, params: &Params, variant: Variant) -> Result<()
     Err(Error::Weights { path: path.to_owned(), variant, problems })
 }
 
-/// The published files end in the first eight digits of their hash: `-cfeab6b1.pth`.
-fn check_hash(path: &Path) -> Result<()> {
-    let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
-    let Some((_, digits)) = stem.rsplit_once('-') else { return Ok(()) };
-    let hexadecimal = |c: char| c.is_ascii_digit() || ('a'..='f').contains(&c);
-    if digits.len() != 8 || !digits.chars().all(hexadecimal) {
-        return Ok(());
-    }
+/// The first eight digits of a file's hash; the published ones end in theirs: `-cfeab6b1.pth`.
+fn checked_hash(path: &Path) -> Result<String> {
     let unreadable = |e: std::io::Error| Error::WeightsUnreadable { path: path.to_owned(), source: e.into() };
     let mut file = std::fs::File::open(path).map_err(unreadable)?;
     let mut hash = Sha256::new();
@@ -109,10 +112,15 @@ fn check_hash(path: &Path) -> Result<()> {
         // Writing to a string does not fail.
         let _ = write!(found, "{byte:02x}");
     }
-    if found == digits {
-        return Ok(());
+    let hexadecimal = |c: char| c.is_ascii_digit() || ('a'..='f').contains(&c);
+    let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
+    let promised = stem.rsplit_once('-').map(|(_, digits)| digits);
+    match promised.filter(|digits| digits.len() == 8 && digits.chars().all(hexadecimal)) {
+        Some(digits) if digits != found => {
+            Err(Error::WeightsHash { path: path.to_owned(), expected: digits.to_owned(), found })
+        }
+        _ => Ok(found),
     }
-    Err(Error::WeightsHash { path: path.to_owned(), expected: digits.to_owned(), found })
 }
 
 fn read_pickle(path: &Path) -> candle_core::Result<Tensors> {

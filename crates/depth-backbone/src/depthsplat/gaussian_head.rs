@@ -7,7 +7,8 @@ use super::taps::{Layout, Taps};
 use super::variant::Variant;
 use candle_core::{Device, Result, Tensor};
 use glam::{DMat3, DQuat, DVec2, DVec3};
-use gs_scene::{Camera, SH_C0};
+use gs_scene::{Camera, Gaussians, SH_C0};
+use rayon::prelude::*;
 
 /// Numbers per pixel.
 const RAW: usize = 37;
@@ -64,14 +65,13 @@ impl GaussianHead {
         })
     }
 
-    /// Adds the Gaussians of a view; what lies outside the camera's image was padded and has none.
+    /// The Gaussians of a view, row by row; what lies outside the camera's image was padded and has none.
     pub(super) fn forward(
         &self,
         x: &HeadInputs<'_>,
         camera: &Camera,
-        out: &mut PixelGaussians,
         taps: &mut Taps,
-    ) -> Result<()> {
+    ) -> Result<Vec<PixelGaussian>> {
         let HeadInputs { image, depth, match_probability, features } = *x;
         let y = self.regressor[0]
             .forward_then(&join(&[image, depth, match_probability, features])?, Then::GELU)?;
@@ -85,8 +85,70 @@ impl GaussianHead {
             t.to_device(&Device::Cpu)?.contiguous()
         };
         let (raw, image, depth) = (cropped(&raw)?, cropped(image)?, cropped(depth)?);
-        out.add_view(&values(&raw)?, &values(&image)?, &values(&depth)?, camera);
-        Ok(())
+        let (raw, image, depth) = (values(&raw)?, values(&image)?, values(&depth)?);
+        let frame = Frame { camera, turn: second_degree(camera.rotation().transpose()) };
+        let pixels = raw.as_chunks::<RAW>().0.par_iter().zip(image.as_chunks::<3>().0.par_iter()).zip(&*depth);
+        Ok(pixels.enumerate().map(|(i, ((raw, rgb), &depth))| frame.gaussian(i, raw, rgb, depth)).collect())
+    }
+}
+
+/// What a pixel's numbers mean.
+#[derive(Debug, Clone)]
+pub(super) struct PixelGaussian {
+    mean: [f32; 3],
+    opacity_logit: f32,
+    scales: [f32; 3],
+    /// Relative to the camera, (x, y, z, w).
+    rotation: [f64; 4],
+    /// Columns in the world, of length one.
+    axes: DMat3,
+    harmonics: [[f32; COEFFICIENTS]; 3],
+}
+
+/// A view, and how it turns functions of degree 2.
+struct Frame<'a> {
+    camera: &'a Camera,
+    turn: [[f64; 5]; 5],
+}
+
+impl Frame<'_> {
+    /// The Gaussian of pixel `i` from its numbers, colour and depth.
+    fn gaussian(&self, i: usize, raw: &[f32; RAW], rgb: &[f32; 3], depth: f32) -> PixelGaussian {
+        let width = self.camera.width();
+        let to_world = self.camera.rotation().transpose();
+        // Half a pixel at most from the pixel's centre.
+        let offset = DVec2::new(sigmoid(raw[1]), sigmoid(raw[2]));
+        let pixel = DVec2::new((i % width) as f64, (i / width) as f64) + offset;
+        let scales = [raw[3], raw[4], raw[5]].map(|v| {
+            let v = f64::from(v) - 4.0;
+            // Softplus, without overflow.
+            ((v.max(0.0) + (-v.abs()).exp().ln_1p()) as f32).clamp(SCALES.0, SCALES.1)
+        });
+        let q = [raw[6], raw[7], raw[8], raw[9]].map(f64::from);
+        let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt() + 1e-8;
+        let q = q.map(|v| v / norm);
+        let coefficients = raw[10..].as_chunks::<COEFFICIENTS>().0;
+        PixelGaussian {
+            mean: single(self.camera.unproject(pixel, depth.into())),
+            opacity_logit: raw[0],
+            scales,
+            rotation: q,
+            axes: to_world * rotation(q),
+            harmonics: std::array::from_fn(|c| harmonics(&coefficients[c], rgb[c], to_world, &self.turn)),
+        }
+    }
+}
+
+impl PixelGaussian {
+    /// Appends it to a set of SH degree 2, where the harmonics are evaluated as DepthSplat's rasterizer does.
+    pub(super) fn push_to(&self, set: &mut Gaussians) {
+        let q = DQuat::from_mat3(&self.axes);
+        let quaternion = [q.w, q.x, q.y, q.z].map(|v| v as f32);
+        let mut sh = [0.0; 3 * COEFFICIENTS];
+        for (k, rgb) in sh.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+            *rgb = std::array::from_fn(|channel| self.harmonics[channel][k]);
+        }
+        set.push(self.mean, quaternion, self.scales.map(f32::ln), self.opacity_logit, &sh);
     }
 }
 
@@ -107,35 +169,15 @@ impl PixelGaussians {
         self.opacities.is_empty()
     }
 
-    fn add_view(&mut self, raw: &[f32], image: &[f32], depth: &[f32], camera: &Camera) {
-        let width = camera.width();
-        let to_world = camera.rotation().transpose();
-        let second_degree = second_degree(to_world);
-        let pixels = raw.as_chunks::<RAW>().0.iter().zip(image.as_chunks::<3>().0).zip(depth);
-        for (i, ((raw, rgb), &depth)) in pixels.enumerate() {
-            self.opacities.push(sigmoid(raw[0]) as f32);
-            // Half a pixel at most from the pixel's centre.
-            let offset = DVec2::new(sigmoid(raw[1]), sigmoid(raw[2]));
-            let pixel = DVec2::new((i % width) as f64, (i / width) as f64) + offset;
-            push(&mut self.means, camera.unproject(pixel, depth.into()));
-            let scales = [raw[3], raw[4], raw[5]].map(|v| {
-                let v = f64::from(v) - 4.0;
-                // Softplus, without overflow.
-                ((v.max(0.0) + (-v.abs()).exp().ln_1p()) as f32).clamp(SCALES.0, SCALES.1)
-            });
-            self.scales.extend(scales);
-            let q = [raw[6], raw[7], raw[8], raw[9]].map(f64::from);
-            let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt() + 1e-8;
-            let q = q.map(|v| v / norm);
-            self.rotations.extend(q.map(|v| v as f32));
-            let axes =
-                to_world * rotation(q) * DMat3::from_diagonal(DVec3::from_array(scales.map(f64::from)));
-            let covariance = axes * axes.transpose();
-            (0..3).for_each(|row| push(&mut self.covariances, covariance.row(row)));
-            for (channel, coefficients) in raw[10..].as_chunks::<COEFFICIENTS>().0.iter().enumerate() {
-                self.harmonics.extend(harmonics(coefficients, rgb[channel], to_world, &second_degree));
-            }
-        }
+    pub(super) fn push(&mut self, pixel: &PixelGaussian) {
+        self.means.extend(pixel.mean);
+        let axes = pixel.axes * DMat3::from_diagonal(DVec3::from_array(pixel.scales.map(f64::from)));
+        let covariance = axes * axes.transpose();
+        (0..3).for_each(|row| self.covariances.extend(single(covariance.row(row))));
+        self.opacities.push(sigmoid(pixel.opacity_logit) as f32);
+        self.scales.extend(pixel.scales);
+        self.rotations.extend(pixel.rotation.map(|v| v as f32));
+        pixel.harmonics.iter().for_each(|coefficients| self.harmonics.extend(coefficients));
     }
 
     /// Notes all of them under the names of the golden files.
@@ -153,8 +195,8 @@ impl PixelGaussians {
     }
 }
 
-fn push(values: &mut Vec<f32>, v: DVec3) {
-    values.extend(v.to_array().map(|v| v as f32));
+fn single(v: DVec3) -> [f32; 3] {
+    v.to_array().map(|v| v as f32)
 }
 
 /// The rotation of a quaternion (x, y, z, w), which need not have length one.

@@ -31,6 +31,7 @@ mod views;
 mod vit;
 
 pub use gaussian_head::PixelGaussians;
+use gaussian_head::PixelGaussian;
 pub use params::{WeightFault, WeightProblem};
 pub use taps::StageTime;
 pub use variant::{Scales, Variant, Vit};
@@ -39,12 +40,14 @@ use crate::backbone::check_pixels;
 use crate::{DepthBackbone, DepthRange, Error, Result, ViewGeometry, Wanted, estimate};
 use candle_core::Device;
 use cost_volume::Bounds;
-use gs_scene::View;
+use gs_scene::{Gaussians, View, sh_coefficients};
 use layers::Engine;
 use network::{Network, NetworkInputs, NetworkOutputs};
 use params::Params;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::SystemTime;
 use taps::Taps;
 use views::Padded;
 
@@ -55,7 +58,20 @@ use views::Padded;
 pub struct DepthSplat {
     network: Network,
     range: DepthRange,
+    /// What heads that are trained on its features know them by.
+    schema: String,
 }
+
+/// A file as it was when it was read.
+#[derive(PartialEq)]
+struct Stamp {
+    path: PathBuf,
+    bytes: u64,
+    modified: Option<SystemTime>,
+}
+
+/// The network that was last asked for.
+static LAST: Mutex<Option<(Stamp, Arc<DepthSplat>)>> = Mutex::new(None);
 
 /// What a pass through the network shows of itself.
 #[derive(Debug, Clone, Default)]
@@ -95,11 +111,33 @@ impl DepthSplat {
     /// As [`DepthSplat::open`].
     pub fn open_on(path: impl AsRef<Path>, device: &Device) -> Result<Self> {
         let path = path.as_ref();
-        let (params, variant, with_heads) = checkpoint::open(path, device)?;
-        let network = Network::new(&params, variant, with_heads)
+        let opened = checkpoint::open(path, device)?;
+        let network = Network::new(&opened.params, opened.variant, opened.with_heads)
             .map_err(|source| Error::WeightsUnreadable { path: path.to_owned(), source })?;
-        checkpoint::check(path, &params, variant)?;
-        Ok(Self { network, range: DepthRange::Estimate })
+        checkpoint::check(path, &opened.params, opened.variant)?;
+        // Its features are those of these very weights.
+        let schema = format!("depthsplat {} {}", opened.variant, opened.sha256_start);
+        Ok(Self { network, range: DepthRange::Estimate, schema })
+    }
+
+    /// The network of a checkpoint, on the CPU; the last one stays in memory, and is had again for the same file without reading it.
+    ///
+    /// # Errors
+    /// As [`DepthSplat::open`].
+    pub fn shared(path: impl AsRef<Path>) -> Result<Arc<Self>> {
+        let path = path.as_ref();
+        let unreadable = |e: std::io::Error| Error::WeightsUnreadable { path: path.to_owned(), source: e.into() };
+        let file = std::fs::metadata(path).map_err(unreadable)?;
+        let stamp = Stamp { path: path.to_owned(), bytes: file.len(), modified: file.modified().ok() };
+        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, network)) = last.as_ref().filter(|(read, _)| *read == stamp) {
+            return Ok(Arc::clone(network));
+        }
+        // Two of them need not be held at a time.
+        *last = None;
+        let network = Arc::new(Self::open(path)?);
+        *last = Some((stamp, Arc::clone(&network)));
+        Ok(network)
     }
 
     /// A network whose weights follow a rule instead of training: it computes all that the trained one does, and its
@@ -114,7 +152,8 @@ impl DepthSplat {
     fn untrained_with(variant: Variant, salt: &str, engine: Engine) -> Result<Self> {
         let params = Params::from_recipe(salt, &Device::Cpu, engine);
         let network = Network::new(&params, variant, true)?;
-        Ok(Self { network, range: DepthRange::Estimate })
+        let schema = format!("depthsplat {variant} by rule {salt:?}");
+        Ok(Self { network, range: DepthRange::Estimate, schema })
     }
 
     /// Names and shapes of all parameters of a variant, as in the GS checkpoints without `encoder.`.
@@ -140,6 +179,12 @@ impl DepthSplat {
         self.network.variant()
     }
 
+    /// What the feature maps' schema says: layout and ViT, and the start of the SHA-256 of the weights.
+    #[must_use]
+    pub fn schema(&self) -> &str {
+        &self.schema
+    }
+
     /// Whether the weights for features and Gaussians are there: checkpoints of depth alone lack them.
     #[must_use]
     pub fn has_features(&self) -> bool {
@@ -162,9 +207,9 @@ impl DepthSplat {
         let wanted = if self.has_features() { Wanted::DepthAndFeatures } else { Wanted::Depth };
         let pass = self.pass(views, &bounds, wanted, &mut taps)?;
         if maps {
-            self.network.gaussians(&pass.inputs(&bounds), &pass.outputs, &mut taps)?;
+            self.pixel_gaussians(&pass, &bounds, &mut taps)?.note(&mut taps)?;
         }
-        let geometry = self.geometry(views, &pass)?;
+        let geometry = self.geometry(views, &pass, wanted)?;
         let stages = taps.times().to_vec();
         let traced = |(name, tensor): (String, candle_core::Tensor)| {
             Ok(TracedMap { name, shape: tensor.dims().to_vec(), values: tensor.flatten_all()?.to_vec1()? })
@@ -180,8 +225,50 @@ impl DepthSplat {
     pub fn gaussians(&self, views: &[View], ranges: &[(f64, f64)]) -> Result<PixelGaussians> {
         let bounds = per_view_bounds(views, ranges)?;
         let taps = &mut Taps::default();
-        let pass = self.pass(views, &bounds, Wanted::DepthAndFeatures, taps)?;
-        Ok(self.network.gaussians(&pass.inputs(&bounds), &pass.outputs, taps)?)
+        let pass = self.pass(views, &bounds, Wanted::DepthAndGaussians, taps)?;
+        self.pixel_gaussians(&pass, &bounds, taps)
+    }
+
+    fn pixel_gaussians(&self, pass: &Pass, bounds: &[Bounds], taps: &mut Taps) -> Result<PixelGaussians> {
+        let mut all = PixelGaussians::default();
+        let add = &mut |_: usize, pixels: &[PixelGaussian]| pixels.iter().for_each(|pixel| all.push(pixel));
+        self.network.gaussians(&pass.inputs(bounds), &pass.outputs, taps, add)?;
+        Ok(all)
+    }
+
+    /// Depth, confidence and what else is wanted of every view, with one near and far plane, scene units.
+    ///
+    /// # Errors
+    /// As [`DepthBackbone::estimate`].
+    pub fn estimate_within(
+        &self,
+        views: &[View],
+        (near, far): (f64, f64),
+        wanted: Wanted,
+    ) -> Result<Vec<ViewGeometry>> {
+        let bounds = vec![views::bounds(near, far)?; views.len()];
+        let taps = &mut Taps::default();
+        let pass = self.pass(views, &bounds, wanted, taps)?;
+        let mut geometry = self.geometry(views, &pass, wanted)?;
+        if wanted == Wanted::DepthAndGaussians {
+            let mut sets = vec![Gaussians::empty(2)?; views.len()];
+            let add = &mut |view: usize, pixels: &[PixelGaussian]| {
+                pixels.iter().for_each(|pixel| pixel.push_to(&mut sets[view]));
+            };
+            self.network.gaussians(&pass.inputs(&bounds), &pass.outputs, taps, add)?;
+            for ((view, geometry), set) in views.iter().zip(&mut geometry).zip(sets) {
+                let broken =
+                    |row: &[f32], values: usize| row.iter().position(|v| !v.is_finite()).map(|i| i / values);
+                let sh_row = 3 * sh_coefficients(set.sh_degree());
+                let pixel = broken(set.geometry(), Gaussians::GEOMETRY).or_else(|| broken(set.sh(), sh_row));
+                if let Some(pixel) = pixel {
+                    let (x, y) = (pixel % view.image().width(), pixel / view.image().width());
+                    return Err(Error::GaussianNotFinite { view: view.name().to_owned(), x, y });
+                }
+                geometry.gaussians = Some(set);
+            }
+        }
+        Ok(geometry)
     }
 
     fn pass(&self, views: &[View], bounds: &[Bounds], wanted: Wanted, taps: &mut Taps) -> Result<Pass> {
@@ -189,7 +276,7 @@ impl DepthSplat {
         if views.len() < 2 {
             return Err(Error::OneView);
         }
-        let with_features = wanted == Wanted::DepthAndFeatures;
+        let with_features = wanted != Wanted::Depth;
         if with_features && !self.has_features() {
             return Err(Error::NoFeatureWeights);
         }
@@ -199,14 +286,18 @@ impl DepthSplat {
         Ok(Pass { padded, outputs })
     }
 
-    fn geometry(&self, views: &[View], pass: &Pass) -> Result<Vec<ViewGeometry>> {
+    fn geometry(&self, views: &[View], pass: &Pass, wanted: Wanted) -> Result<Vec<ViewGeometry>> {
         let Pass { padded, outputs } = pass;
         let factor = self.variant().scales.upsampling();
         let one = |(i, view): (usize, &View)| {
             Ok(ViewGeometry {
                 depth: padded.depth(&outputs.depth, (i, view.name()))?,
                 confidence: padded.confidence(&outputs.match_probability, factor, i)?,
-                features: outputs.features.as_ref().map(|f| padded.features(f, i)).transpose()?,
+                features: match &outputs.features {
+                    Some(maps) if wanted == Wanted::DepthAndFeatures => Some(padded.features(maps, i)?.with_schema(self.schema.clone())),
+                    _ => None,
+                },
+                gaussians: None,
             })
         };
         views.iter().enumerate().map(one).collect()
@@ -243,8 +334,6 @@ impl DepthBackbone for DepthSplat {
             DepthRange::Known { near, far } => (near, far),
             DepthRange::Estimate => estimate::depth_range(views)?,
         };
-        let bounds = vec![views::bounds(near, far)?; views.len()];
-        let pass = self.pass(views, &bounds, wanted, &mut Taps::default())?;
-        self.geometry(views, &pass)
+        self.estimate_within(views, (near, far), wanted)
     }
 }

@@ -3,7 +3,7 @@
 use super::cnn::{Cnn, CnnFeatures};
 use super::cost_volume::{self, Bounds};
 use super::dpt::{DepthResidual, Dpt, DptInputs};
-use super::gaussian_head::{GaussianHead, HeadInputs, PixelGaussians};
+use super::gaussian_head::{GaussianHead, HeadInputs, PixelGaussian};
 use super::layers::{Conv, ConvTranspose, Then, Work, bilinear, join, nearest};
 use super::params::Params;
 use super::regressor::{Regressor, expectation};
@@ -206,14 +206,15 @@ impl Network {
         Ok(NetworkOutputs { depth, match_probability, features })
     }
 
-    /// One Gaussian per pixel of every view; none without weights for them or without features.
+    /// Calls `each` with the number of every view and its Gaussians, one per pixel; not without weights for them or without
+    /// features.
     pub(super) fn gaussians(
         &self,
         inputs: &NetworkInputs<'_>,
         outputs: &NetworkOutputs,
         taps: &mut Taps,
-    ) -> Result<PixelGaussians> {
-        let mut gaussians = PixelGaussians::default();
+        each: &mut dyn FnMut(usize, &[PixelGaussian]),
+    ) -> Result<()> {
         if let (Some((_, head)), Some(features)) = (&self.heads, &outputs.features) {
             for (view, camera) in inputs.cameras.iter().enumerate() {
                 let one = |x: &Tensor| x.narrow(0, view, 1)?.contiguous();
@@ -224,11 +225,10 @@ impl Network {
                     match_probability: &nearest(&probability, self.variant.scales.upsampling())?,
                     features: &one(features)?,
                 };
-                self.timed(taps, "gaussian head", |taps| head.forward(&x, camera, &mut gaussians, taps))?;
+                each(view, &self.timed(taps, "gaussian head", |taps| head.forward(&x, camera, taps))?);
             }
-            gaussians.note(taps)?;
         }
-        Ok(gaussians)
+        Ok(())
     }
 
     /// View by view: the maps are large.

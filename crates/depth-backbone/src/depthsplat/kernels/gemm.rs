@@ -105,20 +105,12 @@ fn tiles<const FMA: bool, const ROWS: usize>(
     columns: usize,
     add: bool,
 ) {
-    let depth = panel.len() / PANEL;
+    let panel = panel.as_chunks::<PANEL>().0;
     for first in (0..a.count).step_by(ROWS) {
         // A tile that is not full computes its last row several times.
         let row = |i: usize| (first + i).min(a.count - 1);
-        let rows: [&[f32]; ROWS] = std::array::from_fn(|i| &a.values[row(i) * a.stride..][..depth]);
-        let mut sums = [[0.0_f32; PANEL]; ROWS];
-        for (k, b) in panel.as_chunks::<PANEL>().0.iter().enumerate() {
-            for i in 0..ROWS {
-                let v = rows[i][k];
-                for j in 0..PANEL {
-                    sums[i][j] = mul_add::<FMA>(v, b[j], sums[i][j]);
-                }
-            }
-        }
+        let rows: [&[f32]; ROWS] = std::array::from_fn(|i| &a.values[row(i) * a.stride..][..panel.len()]);
+        let sums = tile::<FMA, ROWS>(rows, panel);
         for (i, sums) in sums.iter().enumerate().take(a.count - first) {
             let out = &mut c[(first + i) * stride..][..columns];
             if let Ok(out) = <&mut [f32; PANEL]>::try_from(&mut *out) {
@@ -132,6 +124,24 @@ fn tiles<const FMA: bool, const ROWS: usize>(
             }
         }
     }
+}
+
+/// Sums of a tile. A's values are taken before any is used, so that nothing can fail between the sums and they stay in registers.
+#[inline(always)]
+fn tile<const FMA: bool, const ROWS: usize>(
+    rows: [&[f32]; ROWS],
+    panel: &[[f32; PANEL]],
+) -> [[f32; PANEL]; ROWS] {
+    let mut sums = [[0.0_f32; PANEL]; ROWS];
+    for (k, b) in panel.iter().enumerate() {
+        let a: [f32; ROWS] = std::array::from_fn(|i| rows[i][k]);
+        for i in 0..ROWS {
+            for j in 0..PANEL {
+                sums[i][j] = mul_add::<FMA>(a[i], b[j], sums[i][j]);
+            }
+        }
+    }
+    sums
 }
 
 #[cfg(test)]
