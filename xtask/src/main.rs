@@ -26,6 +26,7 @@ Commands of the product (built in release, arguments passed on; each has --help)
   ablate       the paper's ablations, each row trained alike
   simulate     photographs of a described or generated scene, as a data set in one of the usual layouts
   check-data   what a data set is, and what is wrong with it
+  weights      of DepthSplat's network: which are published, which are here; --fetch places one
   doctor       what this machine offers, and a self-test on CPU and GPU
   bench        how fast the parts are on this machine, beside peers; without a name it lists them
 
@@ -38,7 +39,7 @@ Checks for developers:
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 11] = [
+const FORWARDED: [&str; 12] = [
     "demo",
     "reconstruct",
     "render",
@@ -48,6 +49,7 @@ const FORWARDED: [&str; 11] = [
     "ablate",
     "simulate",
     "check-data",
+    "weights",
     "doctor",
     "bench",
 ];
@@ -80,7 +82,11 @@ fn forward(root: &Path, command: &str, arguments: &[OsString]) -> ExitCode {
     const BINARY: [&str; 4] = ["--release", "--package", "sparsesplat-cli", "--manifest-path"];
     let manifest = root.join("Cargo.toml");
     // Who does not measure does not build the crates of others that are measured.
-    let features: &[&str] = if command == "bench" { &["--features", "peers"] } else { &[] };
+    let features: &[&str] = match command {
+        "bench" => &["--features", "peers"],
+        "weights" if arguments.iter().any(|argument| argument == "--fetch") => &["--features", "hf-hub"],
+        _ => &[],
+    };
     match cargo(["build"]).args(BINARY).arg(&manifest).args(features).status() {
         Ok(built) if built.success() => {
             // The folder of the caller stays the current one, so that relative paths mean what they say.
@@ -100,8 +106,8 @@ const TIDY: Step = Step::Check("tidy", tidy::check);
 /// draws new ones.
 const SAME_CASES: [(&str, &str); 1] = [("PROPTEST_RNG_SEED", "20251")];
 
-/// What is off by default: kiddo to be measured against, DepthSplat's network, LPIPS.
-const EXTRAS: &str = "sparsesplat-cli/peers,depth-backbone/depthsplat,image-metrics/lpips";
+/// What is off by default: kiddo to be measured against, and fetching weights.
+const EXTRAS: &str = "sparsesplat-cli/peers,sparsesplat-cli/hf-hub";
 
 /// Cheap checks first, so that a slip of the pen is told early.
 const CI: [Step; 11] = [

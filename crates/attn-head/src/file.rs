@@ -15,11 +15,21 @@ const KEY: &str = "attn-head";
 /// Largest file, bytes: above what any head within the ranges of [`Config`] needs.
 const LARGEST_FILE: u64 = 64 << 20;
 
+/// Longest header that is looked at for the description, bytes: those of heads have some thousand.
+const LARGEST_HEADER: u64 = 1 << 20;
+
 /// What is under [`KEY`].
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Description {
     config: Config,
+    metadata: BTreeMap<String, String>,
+}
+
+/// What a safetensors file says of itself; of tensors nothing.
+#[derive(Deserialize)]
+struct Header {
+    #[serde(rename = "__metadata__", default)]
     metadata: BTreeMap<String, String>,
 }
 
@@ -42,6 +52,25 @@ impl Weights {
             Self::from_bytes(&bytes)
         };
         read().map_err(|error| Error::File { path: path.to_owned(), source: Box::new(error) })
+    }
+
+    /// Whether a file is of this kind, by its description; what else is wrong with it, reading tells.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn are_in(path: impl AsRef<Path>) -> Result<bool> {
+        let path = path.as_ref();
+        let header = || -> Result<Vec<u8>> {
+            let (mut file, mut length, mut header) = (File::open(path)?, Vec::new(), Vec::new());
+            (&mut file).take(8).read_to_end(&mut length)?;
+            let length = length.first_chunk().map_or(0, |&bytes| u64::from_le_bytes(bytes));
+            file.take(length.min(LARGEST_HEADER)).read_to_end(&mut header)?;
+            Ok(header)
+        };
+        let header =
+            header().map_err(|error| Error::File { path: path.to_owned(), source: Box::new(error) })?;
+        let header: Option<Header> = serde_json::from_slice(&header).ok();
+        Ok(header.is_some_and(|header| header.metadata.contains_key(KEY)))
     }
 
     /// What [`Weights::read`] reads, from memory.

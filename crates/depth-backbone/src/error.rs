@@ -135,7 +135,9 @@ pub enum Error {
     )]
     NoFeatureWeights,
     /// Gaussians of a backbone that has no head of its own.
-    #[error("{backbone} has no head of its own that makes Gaussians: use DepthSplat's network, or another head")]
+    #[error(
+        "{backbone} has no head of its own that makes Gaussians: use DepthSplat's network, or another head"
+    )]
     NoOwnHead {
         /// The backbone.
         backbone: &'static str,

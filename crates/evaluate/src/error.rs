@@ -92,6 +92,14 @@ pub enum Error {
         /// The data set.
         path: PathBuf,
     },
+    /// A file of a cache of geometry is not what this code writes.
+    #[error("{}: {problem}: remove the file, it can be made again", path.display())]
+    CacheFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
     /// A picture that the encoder refuses.
     #[error("a picture of {width}x{height} cannot be encoded")]
     Encode {

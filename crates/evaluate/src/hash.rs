@@ -32,6 +32,17 @@ pub(crate) fn of_all<'a>(hashes: impl Iterator<Item = &'a str>) -> String {
     hexadecimal(all)
 }
 
+/// SHA-256 of settings and of the views that a method sees.
+pub(crate) fn of_context(settings: &str, views: &[View]) -> String {
+    let mut hash = Sha256::new_with_prefix(settings);
+    for view in views {
+        add_view(&mut hash, view);
+        // A method may see measured depth, where there is any.
+        view.depth().into_iter().flat_map(|depth| depth.data()).for_each(|d| hash.update(d.to_le_bytes()));
+    }
+    hexadecimal(hash)
+}
+
 fn add_view(hash: &mut Sha256, view: &View) {
     let (camera, lens) = (view.camera(), view.camera().intrinsics());
     hash.update((lens.width as u64).to_le_bytes());

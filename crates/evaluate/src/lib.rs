@@ -5,6 +5,7 @@ mod error;
 mod plan;
 mod simulated;
 
+mod geometry_cache;
 mod method;
 mod render;
 mod window;
@@ -29,6 +30,7 @@ pub use error::{Error, Result};
 pub use figures::{
     CurvePoint, Dropped, Figures, MeanRow, Seconds, Spread, Target, WindowFigures, WindowRow, means,
 };
+pub use geometry_cache::GeometryCache;
 pub use hash::file_sha256;
 pub use image_metrics::Lpips;
 pub use method::{Method, Refinement};

@@ -1,11 +1,12 @@
 //! What makes Gaussians of photographs: the pass, and the steps that may follow it.
 
 use crate::figures::CurvePoint;
-use crate::{Error, Result, Step, Window};
+use crate::window::Stopwatch;
+use crate::{Error, GeometryCache, Result, Step, Window};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
 use serde::Serialize;
-use sparsesplat::{Config, Prediction, predict};
+use sparsesplat::{Config, Prediction, Stage, predict, predict_from, wanted};
 
 /// Photographs to Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -18,17 +19,31 @@ pub struct Method {
     /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is
     /// measured. The curve then goes on to the last step: nothing stops early.
     pub curve: bool,
+    /// Where what the backbone says is kept.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cache: Option<GeometryCache>,
 }
 
 impl Method {
     /// The forward pass alone.
     #[must_use]
     pub fn feed_forward(predict: Config) -> Self {
-        Self { predict, refine: None, curve: false }
+        Self { predict, refine: None, curve: false, cache: None }
     }
 
     pub(crate) fn predict(&self, window: &Window, on_step: &mut dyn FnMut(Step)) -> Result<Prediction> {
-        Ok(predict(&window.context, &self.predict, &mut |stage| on_step(Step::Predict(stage)))?)
+        let (views, config) = (&window.context, &self.predict);
+        let Some(cache) = &self.cache else {
+            return Ok(predict(views, config, &mut |stage| on_step(Step::Predict(stage)))?);
+        };
+        on_step(Step::Predict(Stage::Backbone));
+        let mut asked = Stopwatch::new();
+        let (geometry, range) =
+            asked.time(|| cache.geometry(&window.name, views, config, wanted(config)?))?;
+        let mut prediction =
+            predict_from(views, &geometry, range, config, &mut |stage| on_step(Step::Predict(stage)))?;
+        prediction.seconds.backbone = asked.seconds;
+        Ok(prediction)
     }
 
     /// Refines a prediction in place, if that is asked for; `held_out` measures a scene, for the curve.

@@ -9,7 +9,8 @@ use crate::{device, output, threads};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
 use evaluate::{
-    Dropped, Event, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table, Windows, evaluate,
+    Dropped, Event, GeometryCache, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table, Windows,
+    evaluate,
 };
 use serde::Serialize;
 use sparsesplat::{Allocation, Budget, Head};
@@ -216,7 +217,9 @@ impl Trained<'_> {
         common: &Common,
         dropped: &mut Vec<Dropped>,
     ) -> Outcome<Measured> {
+        let (backbone, _) = arguments.data.source.resolve()?;
         let with = |head: Head| sparsesplat::Config {
+            backbone: backbone.clone(),
             head,
             neighbours: self.config.neighbours,
             allocation: self.config.allocation,
@@ -226,7 +229,8 @@ impl Trained<'_> {
         let mut rasterizer = device::rasterizer(common.device)?;
         let progress = Progress::new(2 * plans.len() * arguments.seeds.len());
         let mut figures = |head: Head| {
-            let method = Method::feed_forward(with(head));
+            let cache = Some(GeometryCache { folder: arguments.data.cache.clone() });
+            let method = Method { cache, ..Method::feed_forward(with(head)) };
             let mut running = String::new();
             evaluate(plans, &method, &arguments.seeds, None, &mut rasterizer, &mut |event| match event {
                 Event::Run { name, seed } => running = format!("{}: {name} (seed {seed})", self.row.name),

@@ -1,6 +1,8 @@
 //! Arguments that several commands share, and how their values are read.
 
-use crate::failure::{OrFail, Outcome};
+use crate::checkpoints;
+use crate::failure::{Failure, OrFail, Outcome};
+use attn_head::Weights;
 use clap::{Args, ValueEnum};
 use evaluate::{Lpips, Method};
 use refine::Stop;
@@ -43,9 +45,6 @@ pub(crate) struct Pipeline {
     /// Instead of a count: probability per pixel = tau x entropy / 8 bits; the far shell comes on top
     #[arg(long, value_parser = tau, allow_hyphen_values = true)]
     pub(crate) tau: Option<f64>,
-    /// Where depth comes from
-    #[arg(long, value_enum, default_value = "plane-sweep")]
-    pub(crate) backbone: BackboneName,
     /// Which pixels become Gaussians
     #[arg(long, value_enum, default_value = "entropy")]
     pub(crate) allocation: AllocationName,
@@ -55,9 +54,8 @@ pub(crate) struct Pipeline {
     /// What turns anchors into Gaussians
     #[arg(long, value_enum, default_value = "default")]
     pub(crate) head: HeadName,
-    /// Weights of a head that `train` wrote, instead of the default ones
-    #[arg(long, value_name = "FILE", conflicts_with = "head")]
-    pub(crate) weights: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) source: DepthSource,
     /// Back what no view covers by a far shell of large Gaussians
     #[arg(long, value_name = "on|off", value_parser = on_off, default_value = "on", action = clap::ArgAction::Set)]
     pub(crate) far_shell: bool,
@@ -73,6 +71,52 @@ pub(crate) struct Pipeline {
     /// Or as many as fit into this time
     #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement")]
     pub(crate) refine_seconds: Option<f64>,
+}
+
+/// Where depth and features come from, and weights.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Reconstruction")]
+pub(crate) struct DepthSource {
+    /// Where depth and features come from
+    #[arg(long, value_enum, default_value = "plane-sweep")]
+    pub(crate) backbone: BackboneName,
+    /// Weights, which tell themselves what they are of: a head that `train` wrote, instead of the default one; a checkpoint of DepthSplat,
+    /// for --backbone depthsplat [default: the one that lies where `doctor` says]; or both
+    #[arg(long, value_name = "FILE", num_args = 1..=2)]
+    pub(crate) weights: Vec<PathBuf>,
+}
+
+impl DepthSource {
+    /// The backbone, and the weights of a head if they are given.
+    pub(crate) fn resolve(&self) -> Outcome<(Backbone, Option<PathBuf>)> {
+        let (mut heads, mut networks) = (Vec::new(), Vec::new());
+        for path in &self.weights {
+            if Weights::are_in(path).or_input()? { heads.push(path) } else { networks.push(path) }
+        }
+        for (kind, paths) in [("a head", &heads), ("a network", &networks)] {
+            if let [first, second, ..] = paths[..] {
+                let (first, second) = (first.display(), second.display());
+                return Err(Failure::input(format!("--weights: {first} and {second} are both of {kind}")));
+            }
+        }
+        let network = networks.first().map(|path| (*path).clone());
+        let backbone = match (self.backbone, network) {
+            (BackboneName::DepthSplat, Some(network)) => Backbone::DepthSplat(network),
+            (BackboneName::DepthSplat, None) => Backbone::DepthSplat(checkpoints::preferred()?),
+            (_, Some(other)) => {
+                let reason = match Weights::read(&other) {
+                    Err(reason) => reason.to_string(),
+                    Ok(_) => "it changed while it was read".to_owned(),
+                };
+                return Err(Failure::input(format!(
+                    "{reason}; a network's weights need --backbone depthsplat"
+                )));
+            }
+            (BackboneName::GivenDepth, None) => Backbone::GivenDepth,
+            (BackboneName::PlaneSweep, None) => Backbone::PlaneSweep,
+        };
+        Ok((backbone, heads.first().map(|path| (*path).clone())))
+    }
 }
 
 /// The weights of LPIPS.
@@ -110,6 +154,9 @@ pub(crate) enum BackboneName {
     GivenDepth,
     /// Multi-view stereo
     PlaneSweep,
+    /// DepthSplat's network, the paper's backbone: needs its published weights
+    #[value(name = "depthsplat")]
+    DepthSplat,
 }
 
 /// Which pixels become Gaussians.
@@ -123,6 +170,17 @@ pub(crate) enum AllocationName {
     Random,
     /// Every pixel; the count is not used
     PixelAligned,
+}
+
+impl From<AllocationName> for Allocation {
+    fn from(name: AllocationName) -> Self {
+        match name {
+            AllocationName::Entropy => Self::Entropy,
+            AllocationName::Laplacian => Self::Laplacian,
+            AllocationName::Random => Self::Random,
+            AllocationName::PixelAligned => Self::PixelAligned,
+        }
+    }
 }
 
 /// How pixels are drawn.
@@ -141,51 +199,54 @@ pub(crate) enum HeadName {
     Default,
     /// By formula from the neighbourhood; no weights
     ClosedForm,
+    /// DepthSplat's own, from the weights of its network: with --backbone depthsplat and --allocation pixel-aligned
+    #[value(name = "depthsplat")]
+    DepthSplat,
 }
 
 impl Pipeline {
     /// Photographs to Gaussians, refinement included.
-    pub(crate) fn method(&self, seed: u64) -> Method {
+    pub(crate) fn method(&self, seed: u64) -> Outcome<Method> {
         let stop = match (self.refine, self.refine_seconds) {
             (Some(steps), _) => Some(Stop::Steps(steps)),
             (None, Some(seconds)) => Some(Stop::Seconds(seconds)),
             (None, None) => None,
         };
         let refine = stop.map(|stop| refine::Config { stop, seed, ..refine::Config::default() });
-        Method { refine, ..Method::feed_forward(self.config(seed)) }
+        Ok(Method { refine, ..Method::feed_forward(self.config(seed)?) })
     }
 
     /// The forward pass. `Hint` is left as `Estimate` here: only the data set can resolve it.
-    fn config(&self, seed: u64) -> Config {
-        Config {
-            backbone: match self.backbone {
-                BackboneName::GivenDepth => Backbone::GivenDepth,
-                BackboneName::PlaneSweep => Backbone::PlaneSweep,
-            },
+    fn config(&self, seed: u64) -> Outcome<Config> {
+        let (backbone, weights) = self.source.resolve()?;
+        Ok(Config {
+            backbone,
             depth_range: match self.depth_range {
                 Range::Estimate | Range::Hint => DepthRange::Estimate,
                 Range::Known(near, far) => DepthRange::Known { near, far },
             },
-            allocation: match self.allocation {
-                AllocationName::Entropy => Allocation::Entropy,
-                AllocationName::Laplacian => Allocation::Laplacian,
-                AllocationName::Random => Allocation::Random,
-                AllocationName::PixelAligned => Allocation::PixelAligned,
-            },
+            allocation: self.allocation.into(),
             sampler: match self.sampler {
                 SamplerName::Fixed => Sampler::Fixed,
                 SamplerName::Bernoulli => Sampler::Bernoulli,
             },
             budget: self.tau.map_or(Budget::Gaussians(self.gaussians), Budget::Tau),
             neighbours: self.neighbours,
-            head: match (&self.weights, self.head) {
-                (Some(weights), _) => Head::Weights(weights.clone()),
+            head: match (weights, self.head) {
+                (Some(weights), HeadName::Default) => Head::Weights(weights),
+                (Some(weights), _) => {
+                    let weights = weights.display();
+                    return Err(Failure::input(format!(
+                        "--weights {weights} is of a head: leave --head out"
+                    )));
+                }
                 (None, HeadName::Default) => Head::Default,
                 (None, HeadName::ClosedForm) => Head::ClosedForm,
+                (None, HeadName::DepthSplat) => Head::DepthSplat,
             },
             far_shell: self.far_shell,
             seed,
-        }
+        })
     }
 }
 

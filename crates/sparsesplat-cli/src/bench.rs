@@ -1,5 +1,6 @@
 //! `bench`: how fast the parts are on this machine.
 
+mod backbone;
 mod backproject;
 mod bandwidth;
 mod cpu;
@@ -31,6 +32,7 @@ enum Which {
     Entropy(entropy::Arguments),
     Backproject(backproject::Arguments),
     Head(head::Arguments),
+    Backbone(backbone::Arguments),
     Raster(raster::Arguments),
 }
 
@@ -39,6 +41,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         Some(Which::Knn(arguments)) => knn::run(arguments, common),
         Some(Which::Entropy(arguments)) => entropy::run(arguments, common),
         Some(Which::Backproject(arguments)) => backproject::run(arguments, common),
+        Some(Which::Backbone(arguments)) => backbone::run(arguments, common),
         Some(Which::Head(arguments)) => head::run(arguments, common),
         Some(Which::Raster(arguments)) => raster::run(arguments, common),
         None => {

@@ -3,6 +3,7 @@
 mod gpu;
 
 use crate::arguments::Common;
+use crate::checkpoints;
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::summary::print_line;
 use crate::{output, threads};
@@ -52,8 +53,9 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
         ),
         format!("SIMD       {simd_text}"),
         format!("memory     {memory}"),
-        "weights    a head for --backbone plane-sweep is built in; --weights takes others that `train` wrote"
+        "heads      one for --backbone plane-sweep is built in; --weights takes others that `train` wrote"
             .to_owned(),
+        networks_line(),
         "LPIPS      is measured where --lpips-weights names its files; none come along, none are looked for"
             .to_owned(),
         "data       none needed for `demo`; other commands take folders by their path".to_owned(),
@@ -78,6 +80,24 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
             "the GPU does not do what it should: commands render on the CPU until its driver is mended",
         )),
     }
+}
+
+/// Where weights of DepthSplat's network are looked for, and which are there.
+fn networks_line() -> String {
+    let Some(folder) = checkpoints::folder() else {
+        return format!(
+            "networks   the system names no home folder: set {}, or give --weights",
+            checkpoints::VARIABLE
+        );
+    };
+    let found = checkpoints::present(&folder);
+    let names: Vec<&str> = found.iter().map(|(checkpoint, _)| checkpoint.name).collect();
+    let found =
+        if names.is_empty() { "none there".to_owned() } else { format!("there: {}", names.join(", ")) };
+    format!(
+        "networks   weights for --backbone depthsplat are looked for in {} ({found}); `weights` lists what is published",
+        folder.display()
+    )
 }
 
 /// What the processor has of the instruction sets that inner loops are compiled for.

@@ -10,8 +10,8 @@ use crate::summary::{print, print_line};
 use crate::{output, threads};
 use clap::Args;
 use evaluate::{
-    Evaluation, Event, Method, PictureLimits, Reading, Recipe, Report, evaluate, figures_table,
-    peak_rss_bytes, refinement_plot,
+    Evaluation, Event, GeometryCache, Method, PictureLimits, Reading, Recipe, Report, evaluate,
+    figures_table, peak_rss_bytes, refinement_plot,
 };
 use serde::Serialize;
 use std::path::PathBuf;
@@ -27,6 +27,7 @@ use std::path::PathBuf;
     sparsesplat eval --dataset nerfstudio --root data --refine 200 --refine-plot refine.svg\n  \
     sparsesplat eval --dataset nerfstudio --root data --seeds 0,1,2 --report report.html\n  \
     sparsesplat eval --dataset simulated --lpips-weights vgg16-397923af.pth vgg.pth\n  \
+    sparsesplat eval --dataset dl3dv --root benchmark --backbone depthsplat --head depthsplat --allocation pixel-aligned\n  \
     sparsesplat eval --dataset replica --root Replica --windows 5\n  \
     sparsesplat eval --dataset replica                                 where it is had, and the layout\n  \
     sparsesplat eval --dataset dl3dv --root benchmark --index dl3dv_index.json\n\n\
@@ -53,6 +54,9 @@ pub(crate) struct Arguments {
     /// Print the table as Markdown
     #[arg(long)]
     markdown: bool,
+    /// Keep what the backbone says of each window in this folder, and take it from there; `train` shares it. Features then have 11 bits
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
     #[command(flatten)]
     lpips: LpipsWeights,
     #[command(flatten)]
@@ -85,7 +89,12 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint)?;
     let Planned { plans, dropped: unread, reading } = planned;
 
-    let method = Method { curve: arguments.refine_plot.is_some(), ..arguments.pipeline.method(seeds[0]) };
+    let cache = arguments.cache.clone().map(|folder| GeometryCache { folder });
+    if let Some(cache) = &cache {
+        output::check_folder(&cache.folder)?;
+    }
+    let method =
+        Method { curve: arguments.refine_plot.is_some(), cache, ..arguments.pipeline.method(seeds[0])? };
     let lpips = arguments.lpips.read()?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);

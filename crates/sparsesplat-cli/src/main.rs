@@ -5,6 +5,7 @@ mod ablate;
 mod arguments;
 mod bench;
 mod check_data;
+mod checkpoints;
 mod datasets;
 mod demo;
 mod device;
@@ -20,6 +21,7 @@ mod source;
 mod summary;
 mod tradeoff;
 mod train;
+mod weights;
 
 use arguments::Common;
 use clap::{Parser, Subcommand};
@@ -59,6 +61,7 @@ enum Command {
     Ablate(ablate::Arguments),
     Simulate(simulate::Arguments),
     CheckData(check_data::Arguments),
+    Weights(weights::Arguments),
     Doctor(doctor::Arguments),
     Bench(bench::Arguments),
 }
@@ -92,6 +95,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Ablate(arguments) => ablate::run(arguments, common),
         Command::Simulate(arguments) => simulate::run(arguments, common),
         Command::CheckData(arguments) => check_data::run(arguments, common),
+        Command::Weights(arguments) => weights::run(arguments, common),
         Command::Doctor(arguments) => doctor::run(arguments, common),
         Command::Bench(arguments) => bench::run(arguments, common),
     }

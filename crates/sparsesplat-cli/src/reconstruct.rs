@@ -27,7 +27,8 @@ use view_data::Format;
     sparsesplat reconstruct data/fox --views 8 --gaussians 150k -o fox.ply --report fox.html\n  \
     sparsesplat reconstruct data/fox --index data/fox/evaluation_index.json --window fox/1 -o fox.ply\n  \
     sparsesplat reconstruct data/fox --refine 60 -o fox.ply             some dB more for some seconds\n  \
-    sparsesplat reconstruct data/kitchen --backbone given-depth --tau 0.3 -o kitchen.ply")]
+    sparsesplat reconstruct data/kitchen --backbone given-depth --tau 0.3 -o kitchen.ply\n  \
+    sparsesplat reconstruct data/fox --backbone depthsplat --weights depthsplat-gs-small-....pth --depth-range hint -o fox.ply")]
 pub(crate) struct Arguments {
     /// Folder of a posed data set, or the file that describes it
     input: PathBuf,
@@ -85,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         _ => Plan::selection(&arguments.input, arguments.views, reading),
     }
     .or_input()?;
-    let mut method = arguments.pipeline.method(arguments.seed);
+    let mut method = arguments.pipeline.method(arguments.seed)?;
     method.predict.depth_range = plan.depth_range(method.predict.depth_range);
 
     // Nobody waits for a GPU that has nothing to do.

@@ -204,17 +204,17 @@ impl Arguments {
     }
 
     /// What tells the weights from others of the same name.
-    fn weights_sha256(&self) -> Outcome<Option<String>> {
+    fn weights_sha256(&self) -> Outcome<Vec<String>> {
         let of = |path: &PathBuf| {
             let cannot = || format!("{}: cannot read", path.display());
             evaluate::file_sha256(path).with_context(cannot).or_input()
         };
-        self.pipeline.weights.as_ref().map(of).transpose()
+        self.pipeline.source.weights.iter().map(of).collect()
     }
 
     /// The points that the base leads to.
     fn points(&self, seed: u64) -> Outcome<Vec<Point>> {
-        let base: Method = self.pipeline.method(seed);
+        let base: Method = self.pipeline.method(seed)?;
         if matches!(base.predict.budget, Budget::Tau(_)) {
             return Err(Failure::input(
                 "tradeoff sweeps the count: --gaussians says the base's, --tau is not taken",
@@ -225,12 +225,8 @@ impl Arguments {
                 "tradeoff sweeps the count, and pixel-aligned has none: it is one of the points, --allocation takes another",
             ));
         }
-        let allocations: Vec<Allocation> = AllocationName::value_variants()
-            .iter()
-            .map(|&allocation| {
-                Pipeline { allocation, ..self.pipeline.clone() }.method(seed).predict.allocation
-            })
-            .collect();
+        let allocations: Vec<Allocation> =
+            AllocationName::value_variants().iter().map(|&name| name.into()).collect();
         let extent = if self.quick { Extent::Quick } else { Extent::Full };
         let learned = sparsesplat::wanted(&base.predict).or_input()? == Wanted::DepthAndFeatures;
         Ok(points(&base, &allocations, extent, learned, self.dataset == Dataset::Simulated))
@@ -251,7 +247,7 @@ struct Settings<'a> {
     reading: Reading,
     seeds: &'a [u64],
     points: &'a [Point],
-    weights_sha256: Option<String>,
+    weights_sha256: Vec<String>,
     device: UsedDevice,
     /// How the binary was compiled.
     build: &'static str,

@@ -1,6 +1,6 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, LpipsWeights, positive, size};
+use crate::arguments::{Common, DepthSource, LpipsWeights, positive, size};
 use crate::datasets::Dataset;
 use crate::device;
 use crate::failure::{Failure, OrFail, Outcome};
@@ -85,7 +85,9 @@ pub(crate) struct Data {
     size: (usize, usize),
     /// Where windows and what the backbone says of them are kept
     #[arg(long, value_name = "DIR", default_value = "train-cache")]
-    cache: PathBuf,
+    pub(crate) cache: PathBuf,
+    #[command(flatten)]
+    pub(crate) source: DepthSource,
 }
 
 /// Steps between two checkpoints: some minutes' work at most is lost.
@@ -207,7 +209,12 @@ impl Data {
         output::check_folder(&self.cache)?;
         let progress = Progress::new(plans.len());
         progress.say("preparing windows");
-        let predict = sparsesplat::Config::default();
+        let (backbone, head) = self.source.resolve()?;
+        if let Some(head) = head {
+            let head = head.display();
+            return Err(Failure::input(format!("--weights {head} is of a head: begin with it by --from")));
+        }
+        let predict = sparsesplat::Config { backbone, ..sparsesplat::Config::default() };
         Cases::open(plans, &predict, &self.cache, &mut |_, _| progress.step()).or_work()
     }
 

@@ -68,12 +68,7 @@ pub fn anchor(
         return Err(Error::EmptyBudget);
     }
     on_stage(Stage::Exposure);
-    let (exposed, exposure) = timed(&mut seconds.exposure, || {
-        let exposure = exposure::equalise(views, geometry);
-        let mut exposed = views.to_vec();
-        exposed.iter_mut().zip(&exposure).for_each(|(view, exposure)| exposure.apply(view));
-        (exposed, exposure)
-    });
+    let (exposed, exposure) = timed(&mut seconds.exposure, || exposure::equalised(views, geometry));
 
     on_stage(Stage::Shell);
     let shell = timed(&mut seconds.shell, || match (config.far_shell, config.budget, config.allocation) {

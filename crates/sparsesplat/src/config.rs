@@ -44,13 +44,15 @@ impl Default for Config {
 }
 
 /// Where depth and features come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Backbone {
     /// Measured depth that comes with the data.
     GivenDepth,
     /// Multi-view stereo over inverse-depth planes.
     PlaneSweep,
+    /// DepthSplat's network with the weights in a file (feature `depthsplat`): the paper's backbone.
+    DepthSplat(PathBuf),
 }
 
 /// Which pixels become Gaussians (the paper's sampling ablation, and the pixel-aligned baseline).
@@ -87,4 +89,7 @@ pub enum Head {
     Weights(PathBuf),
     /// Scale, rotation, colour and opacity from the local neighbourhood by formula; no weights.
     ClosedForm,
+    /// DepthSplat's own head, from the weights of its backbone: one Gaussian of every pixel, so only with
+    /// [`Allocation::PixelAligned`]. The paper's main rival.
+    DepthSplat,
 }

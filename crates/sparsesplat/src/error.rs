@@ -55,6 +55,18 @@ pub enum Error {
         /// The weights.
         weights: String,
     },
+    /// A network is asked for of a build that has none.
+    #[error("{weights}: this build has no networks: build with the feature `depthsplat`")]
+    NoNetwork {
+        /// Its weights.
+        weights: String,
+    },
+    /// DepthSplat's head with anything but all pixels.
+    #[error("DepthSplat's head makes a Gaussian of every pixel: use it with the allocation pixel-aligned")]
+    OwnHeadAllocation,
+    /// DepthSplat's head without the Gaussians that it made.
+    #[error("DepthSplat's head is asked for, and the backbone's geometry comes without its Gaussians")]
+    NoOwnGaussians,
     /// A budget of nothing.
     #[error("budget is 0 Gaussians, expected at least 1")]
     EmptyBudget,

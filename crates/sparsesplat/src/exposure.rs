@@ -108,8 +108,16 @@ fn solve(n_views: usize, overlaps: &[Overlap]) -> Vec<[f64; 2]> {
     rows.chunks_exact(2).map(|pair| [pair[0][n], pair[1][n]]).collect()
 }
 
+/// The views in a common exposure, and gain and bias that brought each there.
+pub(crate) fn equalised(views: &[View], geometry: &[ViewGeometry]) -> (Vec<View>, Vec<ExposureGain>) {
+    let exposure = equalise(views, geometry);
+    let mut exposed = views.to_vec();
+    exposed.iter_mut().zip(&exposure).for_each(|(view, exposure)| exposure.apply(view));
+    (exposed, exposure)
+}
+
 /// Gain and bias per view, mean gain 1 and mean bias 0; exactly (1, 0) for all if the views do not noticeably differ.
-pub(crate) fn equalise(views: &[View], geometry: &[ViewGeometry]) -> Vec<ExposureGain> {
+fn equalise(views: &[View], geometry: &[ViewGeometry]) -> Vec<ExposureGain> {
     let luma: Vec<Vec<f32>> = views.par_iter().map(|view| view.image().luma()).collect();
     let pairs: Vec<[usize; 2]> = (0..views.len())
         .flat_map(|a| (0..views.len()).filter(move |&b| b != a).map(move |b| [a, b]))

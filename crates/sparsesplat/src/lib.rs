@@ -5,6 +5,8 @@ mod error;
 mod prediction;
 
 mod anchored;
+mod backbone;
+mod own_head;
 mod predict;
 
 #[cfg(feature = "learned")]
@@ -20,9 +22,10 @@ mod closed_form;
 mod shell;
 
 pub use anchored::{Anchored, anchor};
+pub use backbone::{geometry, identity as backbone_identity};
 pub use config::{Allocation, Backbone, Budget, Config, Head};
 pub use depth_backbone::{DepthRange, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};
-pub use predict::{geometry, predict, predict_from, wanted};
+pub use predict::{predict, predict_from, wanted};
 pub use prediction::{Counts, ExposureGain, Prediction, Stage, StageSeconds};

@@ -1,8 +1,8 @@
 use crate::anchored::{Anchored, anchor, timed};
 use crate::learned::LearnedHead;
 use crate::prediction::{Prediction, Stage, StageSeconds};
-use crate::{Backbone, Budget, Config, Error, Result};
-use depth_backbone::{DepthBackbone, GivenDepth, PlaneSweep, ViewGeometry, Wanted};
+use crate::{Budget, Config, Error, Head, Result, backbone, own_head};
+use depth_backbone::{ViewGeometry, Wanted};
 use gs_scene::View;
 
 /// One pass: views to Gaussians. `on_stage` is called as each stage begins (for progress bars).
@@ -13,16 +13,16 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
     if config.budget == Budget::Gaussians(0) {
         return Err(Error::EmptyBudget);
     }
-    let (mut reading, mut backbone) = (0.0, 0.0);
+    let (mut reading, mut asking) = (0.0, 0.0);
     let head = timed(&mut reading, || LearnedHead::chosen(config))?;
     on_stage(Stage::Backbone);
     let (mut geometry, depth_range) =
-        timed(&mut backbone, || geometry(views, config, wanted_by(head.as_ref())))?;
+        timed(&mut asking, || backbone::geometry(views, config, wanted_by(config, head.as_ref())))?;
     let mut prediction = finish(views, &geometry, depth_range, config, head.as_ref(), on_stage)?;
-    prediction.seconds.backbone = backbone;
+    prediction.seconds.backbone = asking;
     prediction.seconds.head += reading;
     // They are large, and nobody needs them any more.
-    geometry.iter_mut().for_each(|view| view.features = None);
+    geometry.iter_mut().for_each(|view| (view.features, view.gaussians) = (None, None));
     prediction.geometry = geometry;
     Ok(prediction)
 }
@@ -47,6 +47,7 @@ pub fn predict_from(
         depth: view.depth.clone(),
         confidence: view.confidence.clone(),
         features: None,
+        gaussians: None,
     };
     prediction.geometry = geometry.iter().map(plain).collect();
     Ok(prediction)
@@ -57,11 +58,15 @@ pub fn predict_from(
 /// # Errors
 /// If weights are asked for that cannot be read.
 pub fn wanted(config: &Config) -> Result<Wanted> {
-    Ok(wanted_by(LearnedHead::chosen(config)?.as_ref()))
+    Ok(wanted_by(config, LearnedHead::chosen(config)?.as_ref()))
 }
 
-fn wanted_by(head: Option<&LearnedHead>) -> Wanted {
-    if head.is_some() { Wanted::DepthAndFeatures } else { Wanted::Depth }
+fn wanted_by(config: &Config, head: Option<&LearnedHead>) -> Wanted {
+    match (&config.head, head) {
+        (Head::DepthSplat, _) => Wanted::DepthAndGaussians,
+        (_, Some(_)) => Wanted::DepthAndFeatures,
+        (_, None) => Wanted::Depth,
+    }
 }
 
 /// All stages after the backbone; the prediction's geometry is left empty.
@@ -73,6 +78,9 @@ fn finish(
     head: Option<&LearnedHead>,
     on_stage: &mut dyn FnMut(Stage),
 ) -> Result<Prediction> {
+    if config.head == Head::DepthSplat {
+        return own_head::finish(views, geometry, depth_range, config, on_stage);
+    }
     let mut seconds = StageSeconds::default();
     let anchored = anchor(views, geometry, depth_range.1, config, &mut seconds, on_stage)?;
     let made = timed(&mut seconds.head, || head.map(|head| head.gaussians(&anchored, geometry)).transpose())?;
@@ -89,22 +97,3 @@ fn finish(
 
 /// The closed-form head, as reports call it.
 const CLOSED_FORM: &str = "closed-form";
-
-/// Depth of all views by the configured backbone, and what else is wanted; and the range it lies in, scene units.
-///
-/// # Errors
-/// If the views do not suffice for the backbone.
-pub fn geometry(views: &[View], config: &Config, wanted: Wanted) -> Result<(Vec<ViewGeometry>, (f64, f64))> {
-    Ok(match config.backbone {
-        Backbone::GivenDepth => {
-            let range = GivenDepth::depth_range(views)?;
-            (GivenDepth.estimate(views, wanted)?, range)
-        }
-        Backbone::PlaneSweep => {
-            let mut sweep = PlaneSweep { range: config.depth_range, ..PlaneSweep::default() };
-            let (near, far) = sweep.depth_range(views)?;
-            sweep.range = depth_backbone::DepthRange::Known { near, far };
-            (sweep.estimate(views, wanted)?, (near, far))
-        }
-    })
-}

@@ -9,7 +9,7 @@ pub(crate) enum LearnedHead {}
 impl LearnedHead {
     pub(crate) fn chosen(config: &Config) -> Result<Option<Self>> {
         match &config.head {
-            Head::ClosedForm | Head::Default => Ok(None),
+            Head::ClosedForm | Head::Default | Head::DepthSplat => Ok(None),
             Head::Weights(path) => Err(Error::NotBuilt { weights: path.display().to_string() }),
         }
     }

@@ -1,20 +1,19 @@
-//! Windows with what the frozen backbone says of them, kept on disk: ray tracing and stereo take seconds, a step of
+//! Windows and what the frozen backbone says of them, kept on disk: ray tracing and stereo take seconds, a step of
 //! training less.
 
 use crate::{Error, Result};
-use evaluate::{Plan, Window};
+use evaluate::{GeometryCache, Plan, Window};
 use glam::{DMat3, DVec3};
-use gs_scene::{Camera, DepthMap, FeatureMap, Image, Intrinsics, View, write_atomically};
-use half::f16;
+use gs_scene::{Camera, DepthMap, Image, Intrinsics, View, write_atomically};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use sparsesplat::{ViewGeometry, Wanted};
+use sparsesplat::{ViewGeometry, Wanted, backbone_identity};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Changes when the layout of a file or the code before the head does.
-const VERSION: u32 = 1;
+/// Changes when the layout of a file of views does.
+const VERSION: u32 = 2;
 
 /// A window, ready to be trained on.
 #[derive(Debug, Clone)]
@@ -31,10 +30,12 @@ pub struct Case {
     pub depth_range: (f64, f64),
 }
 
-/// Windows to train on, each in a file of the cache.
+/// Windows to train on: the views of each in a file of the cache, and in another, which evaluations share, what the backbone says of them.
 #[derive(Debug, Clone)]
 pub struct Cases {
-    files: Vec<PathBuf>,
+    /// File of views, and the settings of the backbone.
+    files: Vec<(PathBuf, sparsesplat::Config)>,
+    geometry: GeometryCache,
     hash: String,
 }
 
@@ -44,8 +45,6 @@ struct Header {
     name: String,
     context: Vec<Posed>,
     targets: Vec<Posed>,
-    depth_range: (f64, f64),
-    schema: String,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -71,6 +70,8 @@ impl Cases {
         if plans.is_empty() {
             return Err(Error::NoWindows);
         }
+        let geometry = GeometryCache { folder: cache.to_path_buf() };
+        let backbone = backbone_identity(&predict.backbone)?;
         let mut files = Vec::with_capacity(plans.len());
         let mut all = Sha256::new();
         for (i, plan) in plans.iter().enumerate() {
@@ -83,22 +84,25 @@ impl Cases {
                     (window.sha256(), Some(window))
                 }
             };
-            let key = format!("{VERSION}\n{:?} {:?}\n{described}", settings.backbone, settings.depth_range);
-            let key = hexadecimal(Sha256::digest(key.as_bytes()).as_slice());
-            all.update(key.as_bytes());
-            let file = cache.join(format!("{}-{}.safetensors", plan.name().replace('/', "-"), &key[..16]));
+            let key = hexadecimal(Sha256::digest(format!("{VERSION}\n{described}").as_bytes()).as_slice());
+            all.update(format!("{key}\n{backbone} {:?}", settings.depth_range).as_bytes());
+            let file =
+                cache.join(format!("{}-{}.views.safetensors", plan.name().replace('/', "-"), &key[..16]));
             if !file.exists() {
                 let window = match loaded {
                     Some(window) => window,
                     None => plan.load(true)?,
                 };
-                let case = Case::of_window(window, &settings)?;
-                case.write(&file)?;
+                Views::of_window(window)?.write(&file)?;
             }
-            files.push(file);
+            let views = Views::read(&file)?;
+            if !geometry.path(&views.name, &views.context, &settings, Wanted::DepthAndFeatures)?.exists() {
+                geometry.geometry(&views.name, &views.context, &settings, Wanted::DepthAndFeatures)?;
+            }
+            files.push((file, settings));
             on_case(i + 1, plans.len());
         }
-        Ok(Self { files, hash: hexadecimal(all.finalize().as_slice()) })
+        Ok(Self { files, geometry, hash: hexadecimal(all.finalize().as_slice()) })
     }
 
     /// Number of cases.
@@ -122,9 +126,13 @@ impl Cases {
     /// Reads a case.
     ///
     /// # Errors
-    /// If its file is gone or broken.
+    /// If a file is gone or broken.
     pub fn read(&self, index: usize) -> Result<Case> {
-        Case::read(&self.files[index])
+        let (file, settings) = &self.files[index];
+        let Views { name, context, targets } = Views::read(file)?;
+        let (geometry, depth_range) =
+            self.geometry.geometry(&name, &context, settings, Wanted::DepthAndFeatures)?;
+        Ok(Case { name, context, targets, geometry, depth_range })
     }
 }
 
@@ -132,25 +140,19 @@ fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-impl Case {
-    /// Runs the backbone on a window.
-    ///
-    /// # Errors
-    /// If the window has no held-out views, or the backbone fails.
-    pub fn of_window(window: Window, predict: &sparsesplat::Config) -> Result<Self> {
+/// The views of a window.
+struct Views {
+    name: String,
+    context: Vec<View>,
+    targets: Vec<View>,
+}
+
+impl Views {
+    fn of_window(window: Window) -> Result<Self> {
         if window.targets.is_empty() {
             return Err(Error::NoTargets { window: window.name });
         }
-        let (geometry, depth_range) =
-            sparsesplat::geometry(&window.context, predict, Wanted::DepthAndFeatures)?;
-        // Features are kept with 11 bits: to train on what was read is to train on what was written.
-        Ok(Self {
-            name: window.name,
-            context: window.context,
-            targets: window.targets,
-            geometry,
-            depth_range,
-        })
+        Ok(Self { name: window.name, context: window.context, targets: window.targets })
     }
 
     fn write(&self, path: &Path) -> Result<()> {
@@ -160,14 +162,10 @@ impl Case {
             rotation: view.camera().rotation(),
             translation: view.camera().translation(),
         };
-        let features =
-            |geometry: &ViewGeometry| geometry.features.as_ref().map(FeatureMap::schema).map(str::to_owned);
         let header = Header {
             name: self.name.clone(),
             context: self.context.iter().map(posed).collect(),
             targets: self.targets.iter().map(posed).collect(),
-            depth_range: self.depth_range,
-            schema: self.geometry.first().and_then(features).unwrap_or_default(),
         };
         let mut tensors: Vec<(String, Dtype, Vec<usize>, Vec<u8>)> = Vec::new();
         let mut pictures = |kind: &str, views: &[View]| {
@@ -179,27 +177,14 @@ impl Case {
                     vec![height, width, 3],
                     view.image().to_rgb8(),
                 ));
+                if let Some(depth) = view.depth() {
+                    let bytes = depth.data().iter().flat_map(|v| v.to_le_bytes()).collect();
+                    tensors.push((format!("{kind}.{i}.depth"), Dtype::F32, vec![height, width], bytes));
+                }
             }
         };
         pictures("context", &self.context);
         pictures("targets", &self.targets);
-        for (i, geometry) in self.geometry.iter().enumerate() {
-            let (width, height) = (geometry.depth.width(), geometry.depth.height());
-            let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
-            let shape = vec![height, width];
-            tensors.push((
-                format!("context.{i}.depth"),
-                Dtype::F32,
-                shape.clone(),
-                bytes(geometry.depth.data()),
-            ));
-            tensors.push((format!("context.{i}.confidence"), Dtype::F32, shape, bytes(&geometry.confidence)));
-            if let Some(map) = &geometry.features {
-                let half = map.data().iter().flat_map(|&v| f16::from_f32(v).to_le_bytes()).collect();
-                let shape = vec![map.channels(), map.height(), map.width()];
-                tensors.push((format!("context.{i}.features"), Dtype::F16, shape, half));
-            }
-        }
         let broken = |problem: String| Error::Broken { path: path.to_path_buf(), problem };
         let views = tensors
             .iter()
@@ -234,10 +219,6 @@ impl Case {
                 Err(format!("{name}: {:?}", found.dtype()))
             }
         };
-        let floats = |name: String| -> std::result::Result<Vec<f32>, String> {
-            let (values, _) = tensor(name, Dtype::F32)?.as_chunks::<4>();
-            Ok(values.iter().map(|&v| f32::from_le_bytes(v)).collect())
-        };
         let views = |kind: &str, posed: &[Posed]| -> std::result::Result<Vec<View>, String> {
             let view = |(i, posed): (usize, &Posed)| {
                 let bytes = tensor(format!("{kind}.{i}.image"), Dtype::U8)?;
@@ -245,34 +226,23 @@ impl Case {
                     .map_err(|e| e.to_string())?;
                 let camera =
                     Camera::new(posed.lens, posed.rotation, posed.translation).map_err(|e| e.to_string())?;
-                View::new(posed.name.clone(), image, camera, None).map_err(|e| e.to_string())
+                let name = format!("{kind}.{i}.depth");
+                let depth = if tensors.tensor(&name).is_ok() {
+                    let values =
+                        tensor(name, Dtype::F32)?.as_chunks::<4>().0.iter().map(|&v| f32::from_le_bytes(v));
+                    let depth = DepthMap::new(posed.lens.width, posed.lens.height, values.collect());
+                    Some(depth.map_err(|e| e.to_string())?)
+                } else {
+                    None
+                };
+                View::new(posed.name.clone(), image, camera, depth).map_err(|e| e.to_string())
             };
             posed.iter().enumerate().map(view).collect()
         };
-        let context = views("context", &header.context)?;
-        let geometry = |(i, view): (usize, &View)| {
-            let (width, height) = (view.image().width(), view.image().height());
-            let depth = DepthMap::new(width, height, floats(format!("context.{i}.depth"))?)
-                .map_err(|e| e.to_string())?;
-            let confidence = floats(format!("context.{i}.confidence"))?;
-            if confidence.len() != width * height {
-                return Err(format!("context.{i}.confidence: {} numbers", confidence.len()));
-            }
-            let (halves, _) = tensor(format!("context.{i}.features"), Dtype::F16)?.as_chunks::<2>();
-            let features: Vec<f32> = halves.iter().map(|&v| f16::from_le_bytes(v).to_f32()).collect();
-            let map = FeatureMap::new(features.len() / (width * height), width, height, features)
-                .map_err(|e| e.to_string())?
-                .with_schema(header.schema.clone());
-            Ok(ViewGeometry { depth, confidence, features: Some(map) })
-        };
-        let geometry =
-            context.iter().enumerate().map(geometry).collect::<std::result::Result<_, String>>()?;
         Ok(Self {
             name: header.name,
+            context: views("context", &header.context)?,
             targets: views("targets", &header.targets)?,
-            context,
-            geometry,
-            depth_range: header.depth_range,
         })
     }
 }

@@ -56,7 +56,12 @@ mod tests {
             data[7] = 0.0;
             let mut confidence = vec![1.0; 30 * 20];
             confidence[300..].fill(0.25);
-            ViewGeometry { depth: DepthMap::new(30, 20, data).unwrap(), confidence, features: None }
+            ViewGeometry {
+                depth: DepthMap::new(30, 20, data).unwrap(),
+                confidence,
+                features: None,
+                gaussians: None,
+            }
         };
         vec![view(2.0), view(50.0)]
     }

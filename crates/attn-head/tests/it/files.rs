@@ -84,6 +84,24 @@ fn described(description: Option<&str>) -> Result<Weights, Error> {
 }
 
 #[test]
+fn files_tell_whether_they_are_of_this_kind() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file");
+    let is = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        Weights::are_in(&path).unwrap()
+    };
+    // What is wrong with the rest, reading tells.
+    assert!(is(&BYTES) && is(&BYTES[..header_len(&BYTES)]));
+    let none: [(&str, TensorView<'_>); 0] = [];
+    let other = safetensors::serialize(none, Some(HashMap::from([("other".to_owned(), String::new())]))).ok();
+    for bytes in [&other.unwrap()[..], b"", b"PK", b"PK\x03\x04 and so on", &[0xff; 64], &BYTES[..20]] {
+        assert!(!is(bytes));
+    }
+    assert!(matches!(Weights::are_in(folder.path().join("nowhere")), Err(Error::File { .. })));
+}
+
+#[test]
 fn other_files_are_refused() {
     assert!(matches!(described(None), Err(Error::NotAHead { key: "attn-head" })));
     let huge =

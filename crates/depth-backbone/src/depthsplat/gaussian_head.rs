@@ -87,7 +87,8 @@ impl GaussianHead {
         let (raw, image, depth) = (cropped(&raw)?, cropped(image)?, cropped(depth)?);
         let (raw, image, depth) = (values(&raw)?, values(&image)?, values(&depth)?);
         let frame = Frame { camera, turn: second_degree(camera.rotation().transpose()) };
-        let pixels = raw.as_chunks::<RAW>().0.par_iter().zip(image.as_chunks::<3>().0.par_iter()).zip(&*depth);
+        let pixels =
+            raw.as_chunks::<RAW>().0.par_iter().zip(image.as_chunks::<3>().0.par_iter()).zip(&*depth);
         Ok(pixels.enumerate().map(|(i, ((raw, rgb), &depth))| frame.gaussian(i, raw, rgb, depth)).collect())
     }
 }

@@ -30,8 +30,8 @@ mod variant;
 mod views;
 mod vit;
 
-pub use gaussian_head::PixelGaussians;
 use gaussian_head::PixelGaussian;
+pub use gaussian_head::PixelGaussians;
 pub use params::{WeightFault, WeightProblem};
 pub use taps::StageTime;
 pub use variant::{Scales, Variant, Vit};
@@ -120,13 +120,15 @@ impl DepthSplat {
         Ok(Self { network, range: DepthRange::Estimate, schema })
     }
 
-    /// The network of a checkpoint, on the CPU; the last one stays in memory, and is had again for the same file without reading it.
+    /// The network of a checkpoint, on a GPU with the features `cuda` or `metal` if there is one, else on the CPU; the last one stays in
+    /// memory, and is had again for the same file without reading it.
     ///
     /// # Errors
     /// As [`DepthSplat::open`].
     pub fn shared(path: impl AsRef<Path>) -> Result<Arc<Self>> {
         let path = path.as_ref();
-        let unreadable = |e: std::io::Error| Error::WeightsUnreadable { path: path.to_owned(), source: e.into() };
+        let unreadable =
+            |e: std::io::Error| Error::WeightsUnreadable { path: path.to_owned(), source: e.into() };
         let file = std::fs::metadata(path).map_err(unreadable)?;
         let stamp = Stamp { path: path.to_owned(), bytes: file.len(), modified: file.modified().ok() };
         let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
@@ -135,7 +137,11 @@ impl DepthSplat {
         }
         // Two of them need not be held at a time.
         *last = None;
-        let network = Arc::new(Self::open(path)?);
+        let device = match Device::cuda_if_available(0)? {
+            Device::Cpu => Device::metal_if_available(0)?,
+            gpu => gpu,
+        };
+        let network = Arc::new(Self::open_on(path, &device)?);
         *last = Some((stamp, Arc::clone(&network)));
         Ok(network)
     }
@@ -154,6 +160,20 @@ impl DepthSplat {
         let network = Network::new(&params, variant, true)?;
         let schema = format!("depthsplat {variant} by rule {salt:?}");
         Ok(Self { network, range: DepthRange::Estimate, schema })
+    }
+
+    /// The weights of an [`untrained`](Self::untrained) network: name, shape, values row-major. For files that tests are made of.
+    ///
+    /// # Errors
+    /// If a tensor cannot be made.
+    pub fn untrained_weights(variant: Variant, salt: &str) -> Result<Vec<(String, Vec<usize>, Vec<f32>)>> {
+        let all = Self::parameters(variant)?.into_iter();
+        Ok(all
+            .map(|(name, shape)| {
+                let values = recipe::values(salt, &name, &shape);
+                (name, shape, values)
+            })
+            .collect())
     }
 
     /// Names and shapes of all parameters of a variant, as in the GS checkpoints without `encoder.`.
@@ -294,7 +314,9 @@ impl DepthSplat {
                 depth: padded.depth(&outputs.depth, (i, view.name()))?,
                 confidence: padded.confidence(&outputs.match_probability, factor, i)?,
                 features: match &outputs.features {
-                    Some(maps) if wanted == Wanted::DepthAndFeatures => Some(padded.features(maps, i)?.with_schema(self.schema.clone())),
+                    Some(maps) if wanted == Wanted::DepthAndFeatures => {
+                        Some(padded.features(maps, i)?.with_schema(self.schema.clone()))
+                    }
                     _ => None,
                 },
                 gaussians: None,

@@ -181,7 +181,7 @@ impl Views {
 
     /// Runs the backbone as a point has it, unless it was run; the place in the list of surveys.
     fn survey(&mut self, plan: &Plan, point: &Point, on_step: &mut dyn FnMut(Step)) -> Result<usize> {
-        let Config { backbone, .. } = point.method.predict;
+        let Config { backbone, .. } = point.method.predict.clone();
         let key = (point.shrink, backbone, wanted(&point.method.predict)?);
         if let Some(known) = self.surveys.iter().position(|(of, _)| *of == key) {
             return Ok(known);

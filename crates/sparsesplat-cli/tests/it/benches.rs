@@ -65,6 +65,29 @@ fn neighbours_have_a_row_for_every_set() {
 }
 
 #[test]
+fn the_backbone_has_a_row_for_every_stage_and_number_of_views() {
+    let (table, found) = bench("backbone", &["--size", "64x32", "--views", "2,3"]);
+    let rows = found["rows"].as_array().unwrap();
+    for views in [2, 3] {
+        let of = |row: &&Value| row["n"] == views;
+        let stages: Vec<&str> = rows.iter().filter(of).map(|row| row["case"].as_str().unwrap()).collect();
+        assert_eq!(stages[0], "whole pass");
+        for stage in
+            ["cnn", "transformer", "vit", "cost volume", "regressor", "upsampler", "feature upsampler"]
+        {
+            assert!(stages.contains(&stage) && table.contains(stage), "{stage}: {stages:?}");
+        }
+        let flop = |row: &Value| row["flop"].as_f64().unwrap();
+        let parts: f64 = rows.iter().filter(of).skip(1).map(flop).sum();
+        assert_eq!(flop(rows.iter().find(of).unwrap()), parts);
+    }
+    rows.iter().for_each(|row| check(row, "backbone"));
+    assert!(found["gemm_flop_per_second"].as_f64().unwrap() > 0.0);
+    let Called { code, stderr, .. } = call(&["bench", "backbone", "--layout", "s3"]);
+    assert!(code == Some(2) && stderr.contains("s1_u8l8"), "{stderr}");
+}
+
+#[test]
 fn entropy_has_a_row_for_every_picture_border_and_sampler() {
     let (_, found) = bench("entropy", &["--size", "40x30", "--budgets", "300"]);
     let on_two = labels(&found["rows"], "entropy", true);

@@ -4,6 +4,7 @@
 
 mod benches;
 mod data;
+mod depthsplat;
 mod devices;
 mod hostile;
 mod jobs;

@@ -57,13 +57,13 @@ impl LearnedHead {
     /// The head that the configuration asks for; none is the closed form.
     pub(crate) fn chosen(config: &Config) -> Result<Option<Self>> {
         match &config.head {
-            crate::Head::ClosedForm => Ok(None),
+            crate::Head::ClosedForm | crate::Head::DepthSplat => Ok(None),
             crate::Head::Weights(path) => Self::read(path).map(Some),
             crate::Head::Default => match config.backbone {
                 Backbone::PlaneSweep => {
                     Self::new(Weights::from_bytes(PLANE_SWEEP)?, PLANE_SWEEP_NAME).map(Some)
                 }
-                Backbone::GivenDepth => Ok(None),
+                Backbone::GivenDepth | Backbone::DepthSplat(_) => Ok(None),
             },
         }
     }

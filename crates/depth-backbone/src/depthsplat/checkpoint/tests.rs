@@ -1,4 +1,3 @@
-use super::super::recipe;
 use super::*;
 use crate::{DepthBackbone, DepthRange, DepthSplat, Scales, Vit, Wanted};
 use glam::{DMat3, DVec3};
@@ -11,12 +10,8 @@ const SMALL: Variant = Variant { scales: Scales::Eighth, vit: Vit::Small };
 
 /// All parameters of the network by the names of the GS checkpoints.
 fn weights() -> Vec<(String, Tensor)> {
-    let shapes = DepthSplat::parameters(SMALL).unwrap();
-    let tensor = |(name, shape): (String, Vec<usize>)| {
-        let values = recipe::values("", &name, &shape);
-        (name, Tensor::from_vec(values, shape, &Device::Cpu).unwrap())
-    };
-    shapes.into_iter().map(tensor).collect()
+    let all = DepthSplat::untrained_weights(SMALL, "").unwrap().into_iter();
+    all.map(|(name, shape, values)| (name, Tensor::from_vec(values, shape, &Device::Cpu).unwrap())).collect()
 }
 
 fn views() -> Vec<View> {

@@ -1,8 +1,9 @@
 use depth_backbone::{
-    DepthBackbone, DepthRange, DepthSplat, Error, Scales, Variant, ViewGeometry, Vit, Wanted,
+    DepthBackbone, DepthRange, DepthSplat, Error, GivenDepth, PlaneSweep, Scales, Variant, ViewGeometry, Vit,
+    Wanted,
 };
-use glam::{DMat3, DVec3};
-use gs_scene::{Camera, Image, Intrinsics, View};
+use glam::{DMat3, DQuat, DVec3};
+use gs_scene::{Camera, Gaussians, Image, Intrinsics, View, sigmoid};
 use std::sync::LazyLock;
 
 static NETWORK: LazyLock<DepthSplat> = LazyLock::new(|| {
@@ -143,4 +144,55 @@ fn one_gaussian_per_pixel() {
         assert!((camera.to_camera(mean).z / expected - 1.0).abs() < 1e-4);
     }
     assert!(gaussians.covariances.iter().chain(&gaussians.harmonics).all(|v| v.is_finite()));
+}
+
+#[test]
+fn the_set_for_renderers_is_the_same_gaussians() {
+    // Cameras that are turned: what is relative to them differs from what is in the world.
+    let lens = Intrinsics { fx: 30.0, fy: 30.0, cx: 15.0, cy: 14.0, width: 34, height: 30 };
+    let turned = |i: usize| {
+        let rotation = DMat3::from_axis_angle(DVec3::new(0.3, 1.0, 0.2).normalize(), 0.5 + 0.1 * i as f64);
+        let camera = Camera::new(lens, rotation, DVec3::new(0.2 * i as f64, 0.3, 0.0)).unwrap();
+        let values = (0..34 * 30 * 3).map(|k| 0.5 + 0.4 * (k as f32 * 0.07 + i as f32).sin()).collect();
+        View::new(i.to_string(), Image::new(34, 30, values).unwrap(), camera, None).unwrap()
+    };
+    let views: Vec<View> = (0..2).map(turned).collect();
+    let expected = NETWORK.gaussians(&views, &[(0.5, 50.0); 2]).unwrap();
+    let found = NETWORK.estimate(&views, Wanted::DepthAndGaussians).unwrap();
+    let mut i = 0;
+    for geometry in &found {
+        assert!(geometry.features.is_none());
+        let set = geometry.gaussians.as_ref().unwrap();
+        assert_eq!((set.len(), set.sh_degree()), (34 * 30, 2));
+        for (row, sh) in set.geometry().chunks_exact(Gaussians::GEOMETRY).zip(set.sh().chunks_exact(27)) {
+            assert_eq!(row[..3], expected.means[3 * i..3 * i + 3]);
+            assert!((sigmoid(row[10]) - expected.opacities[i]).abs() < 1e-6);
+            let quaternion = DQuat::from_xyzw(row[4].into(), row[5].into(), row[6].into(), row[3].into());
+            let deviations = DVec3::new(row[7].into(), row[8].into(), row[9].into()).exp();
+            let axes = DMat3::from_quat(quaternion.normalize()) * DMat3::from_diagonal(deviations);
+            let covariance = axes * axes.transpose();
+            let size = deviations.max_element() * deviations.max_element();
+            for (k, &value) in expected.covariances[9 * i..9 * i + 9].iter().enumerate() {
+                assert!((covariance.row(k / 3)[k % 3] - f64::from(value)).abs() < 1e-5 * size, "{i}, {k}");
+            }
+            for (k, &value) in expected.harmonics[27 * i..27 * i + 27].iter().enumerate() {
+                assert_eq!(sh[k % 9 * 3 + k / 9], value);
+            }
+            i += 1;
+        }
+    }
+    assert_eq!(i, expected.len());
+}
+
+#[test]
+fn backbones_without_a_head_of_their_own_say_so() {
+    let views = views(2, (32, 32));
+    let range = DepthRange::Known { near: 1.0, far: 9.0 };
+    let sweep = PlaneSweep { range, ..PlaneSweep::default() };
+    for error in [
+        sweep.estimate(&views, Wanted::DepthAndGaussians).unwrap_err(),
+        GivenDepth.estimate(&views, Wanted::DepthAndGaussians).unwrap_err(),
+    ] {
+        assert!(matches!(error, Error::NoOwnHead { .. }), "{error}");
+    }
 }

@@ -1,0 +1,220 @@
+//! What a frozen backbone says of views, kept on disk: an evaluation and a training of the same views ask it once.
+
+use crate::hash::of_context;
+use crate::{Error, Result};
+use gs_scene::{DepthMap, FeatureMap, Gaussians, View, write_atomically};
+use half::f16;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use serde::{Deserialize, Serialize};
+use sparsesplat::{Config, ViewGeometry, Wanted, backbone_identity, geometry};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// Changes when the layout of a file or what a backbone computes does.
+const VERSION: u32 = 2;
+
+/// A folder of files, each what one backbone with its settings says of the context views of one window.
+///
+/// Features are kept with 11 bits. What was just made is handed on as it was written, so that a result does not depend on whether its
+/// file was there.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct GeometryCache {
+    /// The folder.
+    pub folder: PathBuf,
+}
+
+/// What does not fit a tensor.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    depth_range: (f64, f64),
+    /// Schema of the features; empty without.
+    schema: String,
+}
+
+type Tensors = Vec<(String, Dtype, Vec<usize>, Vec<u8>)>;
+
+impl GeometryCache {
+    /// As [`sparsesplat::geometry`], from the file of these views if there is one. `name` is what the file's name begins with.
+    ///
+    /// # Errors
+    /// As [`sparsesplat::geometry`]; if a file cannot be read or written.
+    pub fn geometry(
+        &self,
+        name: &str,
+        views: &[View],
+        config: &Config,
+        wanted: Wanted,
+    ) -> Result<(Vec<ViewGeometry>, (f64, f64))> {
+        let path = self.path(name, views, config, wanted)?;
+        if !path.exists() {
+            let (all, depth_range) = geometry(views, config, wanted)?;
+            write(&path, &all, depth_range)?;
+        }
+        read(&path, views)
+    }
+
+    /// The file of these views.
+    ///
+    /// # Errors
+    /// If the backbone's weights cannot be read.
+    pub fn path(&self, name: &str, views: &[View], config: &Config, wanted: Wanted) -> Result<PathBuf> {
+        let backbone = backbone_identity(&config.backbone)?;
+        let key = of_context(&format!("{VERSION}\n{backbone}\n{:?}\n{wanted:?}", config.depth_range), views);
+        let name = name.replace(['/', '\\'], "-");
+        Ok(self.folder.join(format!("{name}-{}.geometry.safetensors", &key[..16])))
+    }
+}
+
+fn write(path: &Path, all: &[ViewGeometry], depth_range: (f64, f64)) -> Result<()> {
+    let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+    let mut schema = String::new();
+    let mut tensors = Tensors::new();
+    for (i, view) in all.iter().enumerate() {
+        let shape = vec![view.depth.height(), view.depth.width()];
+        tensors.push((format!("{i}.depth"), Dtype::F32, shape.clone(), bytes(view.depth.data())));
+        tensors.push((format!("{i}.confidence"), Dtype::F32, shape, bytes(&view.confidence)));
+        if let Some(map) = &view.features {
+            map.schema().clone_into(&mut schema);
+            let half = map.data().iter().flat_map(|&v| f16::from_f32(v).to_le_bytes()).collect();
+            let shape = vec![map.channels(), map.height(), map.width()];
+            tensors.push((format!("{i}.features"), Dtype::F16, shape, half));
+        }
+        if let Some(set) = &view.gaussians {
+            let (rows, degree) = (set.len(), set.sh_degree());
+            let shape = vec![rows, Gaussians::GEOMETRY];
+            tensors.push((format!("{i}.gaussians"), Dtype::F32, shape, bytes(set.geometry())));
+            let shape = vec![rows, (degree + 1) * (degree + 1), 3];
+            tensors.push((format!("{i}.sh"), Dtype::F32, shape, bytes(set.sh())));
+        }
+    }
+    let broken = |problem: String| Error::CacheFile { path: path.to_path_buf(), problem };
+    let views = tensors
+        .iter()
+        .map(|(name, dtype, shape, data)| {
+            Ok((
+                name.as_str(),
+                TensorView::new(*dtype, shape.clone(), data).map_err(|e| broken(e.to_string()))?,
+            ))
+        })
+        .collect::<Result<Vec<_>>>()?;
+    let header = serde_json::to_string(&Header { depth_range, schema }).map_err(|e| broken(e.to_string()))?;
+    let bytes = serialize(views, Some(HashMap::from([("geometry".to_owned(), header)])))
+        .map_err(|e| broken(e.to_string()))?;
+    Ok(write_atomically(path, |out| out.write_all(&bytes))?)
+}
+
+fn read(path: &Path, views: &[View]) -> Result<(Vec<ViewGeometry>, (f64, f64))> {
+    let broken = |problem: String| Error::CacheFile { path: path.to_path_buf(), problem };
+    let bytes = std::fs::read(path).map_err(|e| broken(e.to_string()))?;
+    parse(&bytes, views).map_err(broken)
+}
+
+fn parse(bytes: &[u8], views: &[View]) -> std::result::Result<(Vec<ViewGeometry>, (f64, f64)), String> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
+    let header = metadata.metadata().as_ref().and_then(|m| m.get("geometry")).ok_or("no header")?;
+    let header: Header = serde_json::from_str(header).map_err(|e| e.to_string())?;
+    let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
+    // Values of a tensor of this type and number of axes, and its shape; none where there is no such tensor.
+    let tensor = |name: &str, dtype: Dtype, axes: usize| match tensors.tensor(name) {
+        Err(_) => Ok(None),
+        Ok(found) if found.dtype() == dtype && found.shape().len() == axes => {
+            Ok(Some((found.data().to_vec(), found.shape().to_vec())))
+        }
+        Ok(found) => Err(format!("{name}: {:?} {:?}", found.dtype(), found.shape())),
+    };
+    let singles = |bytes: &[u8]| -> Vec<f32> {
+        bytes.as_chunks::<4>().0.iter().map(|&v| f32::from_le_bytes(v)).collect()
+    };
+    let one = |(i, view): (usize, &View)| {
+        let (width, height) = (view.image().width(), view.image().height());
+        let map = |name: String| match tensor(&name, Dtype::F32, 2)? {
+            Some((data, shape)) if shape == [height, width] => Ok(singles(&data)),
+            _ => Err(format!("{name}: not there, or of another size than {width}x{height}")),
+        };
+        let depth = DepthMap::new(width, height, map(format!("{i}.depth"))?).map_err(|e| e.to_string())?;
+        let confidence = map(format!("{i}.confidence"))?;
+        let features = match tensor(&format!("{i}.features"), Dtype::F16, 3)? {
+            None => None,
+            Some((data, shape)) => {
+                let values =
+                    data.as_chunks::<2>().0.iter().map(|&v| f16::from_le_bytes(v).to_f32()).collect();
+                let map = FeatureMap::new(shape[0], shape[2], shape[1], values).map_err(|e| e.to_string())?;
+                Some(map.with_schema(header.schema.clone()))
+            }
+        };
+        let sets =
+            (tensor(&format!("{i}.gaussians"), Dtype::F32, 2)?, tensor(&format!("{i}.sh"), Dtype::F32, 3)?);
+        let gaussians = match sets {
+            (Some((rows, _)), Some((sh, shape))) => {
+                let degree =
+                    (0..=3).find(|d| (d + 1) * (d + 1) == shape[1]).ok_or(format!("{i}.sh: {shape:?}"))?;
+                Some(Gaussians::new(degree, singles(&rows), singles(&sh)).map_err(|e| e.to_string())?)
+            }
+            _ => None,
+        };
+        Ok(ViewGeometry { depth, confidence, features, gaussians })
+    };
+    let all = views.iter().enumerate().map(one).collect::<std::result::Result<_, String>>()?;
+    Ok((all, header.depth_range))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{SimulatedScene, simulated_window};
+    use scene_sim::Kind;
+
+    fn cache() -> (tempfile::TempDir, GeometryCache, Vec<View>) {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = GeometryCache { folder: folder.path().to_path_buf() };
+        let window = simulated_window(SimulatedScene::Generated(Kind::of_seed(3), 3), (48, 32)).unwrap();
+        (folder, cache, window.context[..3].to_vec())
+    }
+
+    #[test]
+    fn what_is_read_is_what_was_made_and_settings_have_files_of_their_own() {
+        let (_folder, cache, views) = cache();
+        let config = Config::default();
+        let (made, range) = cache.geometry("room/0", &views, &config, Wanted::DepthAndFeatures).unwrap();
+        let (read, again) = cache.geometry("room/0", &views, &config, Wanted::DepthAndFeatures).unwrap();
+        let (fresh, _) = geometry(&views, &config, Wanted::DepthAndFeatures).unwrap();
+        assert_eq!(range, again);
+        for ((made, read), fresh) in made.iter().zip(&read).zip(&fresh) {
+            assert_eq!(made.depth.data(), read.depth.data());
+            assert_eq!((made.depth.data(), &made.confidence), (fresh.depth.data(), &fresh.confidence));
+            let [a, b, c] = [made, read, fresh].map(|g| g.features.as_ref().unwrap());
+            assert_eq!((a.data(), a.schema()), (b.data(), c.schema()));
+            assert!(a.data().iter().zip(c.data()).all(|(a, c)| (a - c).abs() <= 5e-4 * c.abs().max(1e-4)));
+        }
+        let path =
+            |config: &Config, views: &[View], wanted| cache.path("room/0", views, config, wanted).unwrap();
+        let first = path(&config, &views, Wanted::DepthAndFeatures);
+        assert!(first.exists());
+        let near =
+            Config { depth_range: sparsesplat::DepthRange::Known { near: 1.0, far: 9.0 }, ..config.clone() };
+        for other in [
+            path(&config, &views, Wanted::Depth),
+            path(&near, &views, Wanted::DepthAndFeatures),
+            path(&config, &views[..2], Wanted::DepthAndFeatures),
+        ] {
+            assert_ne!(first, other);
+        }
+        // What comes after the backbone has no file of its own.
+        let more = Config { neighbours: 3, seed: 9, ..config };
+        assert_eq!(path(&more, &views, Wanted::DepthAndFeatures), first);
+    }
+
+    #[test]
+    fn a_broken_file_is_named() {
+        let (_folder, cache, views) = cache();
+        let config = Config::default();
+        let path = cache.path("room", &views, &config, Wanted::Depth).unwrap();
+        cache.geometry("room", &views, &config, Wanted::Depth).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        for bytes in [&whole[..whole.len() / 2], &whole[..4], b"", b"nonsense that is longer than a header"] {
+            std::fs::write(&path, bytes).unwrap();
+            let error = cache.geometry("room", &views, &config, Wanted::Depth).unwrap_err();
+            assert!(matches!(&error, Error::CacheFile { path: named, .. } if *named == path), "{error}");
+        }
+    }
+}

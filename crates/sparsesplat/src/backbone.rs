@@ -1,0 +1,67 @@
+//! The configured backbone: depth, and what else is wanted of it.
+
+#[cfg(not(feature = "depthsplat"))]
+use crate::Error;
+use crate::{Backbone, Config, Result};
+use depth_backbone::{DepthBackbone, DepthRange, GivenDepth, PlaneSweep, ViewGeometry, Wanted};
+use gs_scene::View;
+use std::path::Path;
+
+/// Depth of all views by the configured backbone, and what else is wanted; and the range it lies in, scene units.
+///
+/// # Errors
+/// If the views do not suffice for the backbone, or its weights cannot be read.
+pub fn geometry(views: &[View], config: &Config, wanted: Wanted) -> Result<(Vec<ViewGeometry>, (f64, f64))> {
+    let stereo = PlaneSweep { range: config.depth_range, ..PlaneSweep::default() };
+    Ok(match &config.backbone {
+        Backbone::GivenDepth => {
+            let range = GivenDepth::depth_range(views)?;
+            (GivenDepth.estimate(views, wanted)?, range)
+        }
+        Backbone::PlaneSweep => {
+            let (near, far) = stereo.depth_range(views)?;
+            let sweep = PlaneSweep { range: DepthRange::Known { near, far }, ..stereo };
+            (sweep.estimate(views, wanted)?, (near, far))
+        }
+        Backbone::DepthSplat(weights) => {
+            let range = stereo.depth_range(views)?;
+            (network(weights, |network| Ok(network.estimate_within(views, range, wanted)?))?, range)
+        }
+    })
+}
+
+/// What tells results of one backbone from those of another: its name, and which weights it has, whatever their file is called.
+///
+/// # Errors
+/// If its weights cannot be read.
+pub fn identity(backbone: &Backbone) -> Result<String> {
+    match backbone {
+        Backbone::GivenDepth | Backbone::PlaneSweep => Ok(format!("{backbone:?}")),
+        Backbone::DepthSplat(weights) => network(weights, |network| Ok(network.schema().to_owned())),
+    }
+}
+
+#[cfg(feature = "depthsplat")]
+fn network<T>(weights: &Path, run: impl FnOnce(&depth_backbone::DepthSplat) -> Result<T>) -> Result<T> {
+    run(&*depth_backbone::DepthSplat::shared(weights)?)
+}
+
+#[cfg(not(feature = "depthsplat"))]
+fn network<T>(weights: &Path, _: impl FnOnce(&Unbuilt) -> Result<T>) -> Result<T> {
+    Err(Error::NoNetwork { weights: weights.display().to_string() })
+}
+
+/// Without the feature `depthsplat` there is no network: a type that has no values.
+#[cfg(not(feature = "depthsplat"))]
+enum Unbuilt {}
+
+#[cfg(not(feature = "depthsplat"))]
+impl Unbuilt {
+    fn schema(&self) -> &str {
+        match *self {}
+    }
+
+    fn estimate_within(&self, _: &[View], _: (f64, f64), _: Wanted) -> Result<Vec<ViewGeometry>> {
+        match *self {}
+    }
+}
