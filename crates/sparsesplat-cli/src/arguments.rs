@@ -170,6 +170,10 @@ pub(crate) enum AllocationName {
     Random,
     /// Every pixel; the count is not used
     PixelAligned,
+    /// Every pixel, then merged down to the count (as GGN and Long-LRM do)
+    Merged,
+    /// Everything by voxels, of a size that gives the count (as AnySplat and VolSplat do)
+    VoxelAligned,
 }
 
 impl From<AllocationName> for Allocation {
@@ -179,6 +183,8 @@ impl From<AllocationName> for Allocation {
             AllocationName::Laplacian => Self::Laplacian,
             AllocationName::Random => Self::Random,
             AllocationName::PixelAligned => Self::PixelAligned,
+            AllocationName::Merged => Self::Merged,
+            AllocationName::VoxelAligned => Self::VoxelAligned,
         }
     }
 }

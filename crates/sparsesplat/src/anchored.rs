@@ -5,6 +5,7 @@ use crate::cells::{Cell, cells};
 use crate::closed_form::{self, Surface};
 use crate::exposure;
 use crate::prediction::{Counts, ExposureGain, Stage, StageSeconds};
+use crate::voxels::{self, Voxels};
 use crate::{Allocation, Budget, Config, Error, Result, shell};
 use backproject::{Anchors, Backprojected, ViewPixels};
 use depth_backbone::ViewGeometry;
@@ -33,7 +34,7 @@ pub struct Anchored {
     pub shell: Gaussians,
     /// Where the Gaussians come from.
     pub counts: Counts,
-    /// The paper's tau; `None` for pixel-aligned.
+    /// The paper's tau; `None` where no pixels are drawn.
     pub tau: Option<f64>,
     /// Width of the patch that each anchor stands for, scene units.
     pub(crate) spacing: Vec<f32>,
@@ -64,27 +65,32 @@ pub fn anchor(
     seconds: &mut StageSeconds,
     on_stage: &mut dyn FnMut(Stage),
 ) -> Result<Anchored> {
-    if config.budget == Budget::Gaussians(0) {
-        return Err(Error::EmptyBudget);
+    let allocation = config.allocation;
+    match (config.budget, allocation) {
+        (Budget::Gaussians(0), _) => return Err(Error::EmptyBudget),
+        (Budget::Tau(tau), Allocation::Merged | Allocation::VoxelAligned) => {
+            return Err(Error::NothingDrawn { tau });
+        }
+        _ => {}
     }
     on_stage(Stage::Exposure);
     let (exposed, exposure) = timed(&mut seconds.exposure, || exposure::equalised(views, geometry));
 
     on_stage(Stage::Shell);
-    let shell = timed(&mut seconds.shell, || match (config.far_shell, config.budget, config.allocation) {
+    let shell = timed(&mut seconds.shell, || match (config.far_shell, config.budget, allocation) {
         (false, _, _) => Gaussians::empty(0),
-        (true, Budget::Gaussians(n), Allocation::Entropy | Allocation::Laplacian | Allocation::Random) => {
-            shell::shell(&exposed, far, n)
-        }
         // Without a total to keep within, the shell has its finest cells.
-        (true, _, _) => shell::shell(&exposed, far, usize::MAX),
+        (true, Budget::Tau(_), _) | (true, _, Allocation::PixelAligned) => {
+            shell::shell(&exposed, far, usize::MAX)
+        }
+        (true, Budget::Gaussians(n), _) => shell::shell(&exposed, far, n),
     })?;
 
     on_stage(Stage::Sampling);
     let (pixels, tau) = timed(&mut seconds.sampling, || sample(views, geometry, config, shell.len()))?;
 
     on_stage(Stage::Backproject);
-    let Backprojected { anchors, ranges, .. } = timed(&mut seconds.backproject, || {
+    let (anchors, ranges, voxel_cells) = timed(&mut seconds.backproject, || {
         let of = |i: usize| ViewPixels {
             camera: views[i].camera(),
             depth: geometry[i].depth.data(),
@@ -93,7 +99,16 @@ pub fn anchor(
             features: geometry[i].features.as_ref(),
         };
         let chosen: Vec<ViewPixels> = (0..views.len()).map(of).collect();
-        backproject::anchors(&chosen, &backproject::Settings::default())
+        let Backprojected { anchors, ranges, .. } =
+            backproject::anchors(&chosen, &backproject::Settings::default())?;
+        Ok::<_, Error>(match (allocation, config.budget) {
+            (Allocation::VoxelAligned, Budget::Gaussians(n)) => {
+                let Voxels { anchors, ranges, cells } =
+                    voxels::voxels(&anchors, &exposed, geometry, n - shell.len());
+                (anchors, ranges, Some(cells))
+            }
+            _ => (anchors, ranges, None),
+        })
     })?;
 
     on_stage(Stage::Knn);
@@ -102,7 +117,9 @@ pub fn anchor(
     on_stage(Stage::Head);
     let (cells, base) = timed(&mut seconds.head, || {
         let of = |i: usize| {
-            closed_form(&exposed[i], &geometry[i], &anchors, ranges[i].clone(), neighbours.as_ref())
+            let range = ranges[i].clone();
+            let cells = voxel_cells.as_ref().map(|cells| cells[range.clone()].to_vec());
+            closed_form(&exposed[i], &geometry[i], &anchors, range, neighbours.as_ref(), cells)
         };
         let per_view: Vec<(Vec<Cell>, Gaussians)> =
             (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()?;
@@ -157,10 +174,10 @@ fn sample(
         Ok(match config.allocation {
             Allocation::Entropy => ImportanceMap::entropy(&grey, width, height, EntropyWindow::default())?,
             Allocation::Laplacian => ImportanceMap::laplacian(&grey, width, height)?,
-            Allocation::Random | Allocation::PixelAligned => ImportanceMap::uniform(width, height)?,
+            _ => ImportanceMap::uniform(width, height)?,
         })
     };
-    if config.allocation == Allocation::PixelAligned {
+    if config.allocation.takes_all() {
         let all =
             |geometry| (0..).zip(usable(geometry)).filter(|&(_, usable)| usable).map(|(i, _)| i).collect();
         return Ok((geometry.iter().map(all).collect(), None));
@@ -188,23 +205,27 @@ fn neighbours(anchors: &Anchors, k: usize) -> Result<Option<Neighbors>> {
     Ok(Some(knn::knn(&anchors.positions_from(origin), k)?))
 }
 
-/// Cells and closed-form Gaussians of the anchors `range` of one view.
+/// Cells and closed-form Gaussians of the anchors `range` of one view; `voxels` are the cells if these are voxels, which
+/// lie where the centres of their cells are, not at their pixels'.
 fn closed_form(
     view: &View,
     geometry: &ViewGeometry,
     anchors: &Anchors,
     range: Range<usize>,
     neighbours: Option<&Neighbors>,
+    voxels: Option<Vec<Cell>>,
 ) -> Result<(Vec<Cell>, Gaussians)> {
     let inverse = |(usable, &depth): (bool, &f32)| if usable { 1.0 / depth } else { 0.0 };
     let inverse_depth: Vec<f32> = usable(geometry).zip(geometry.depth.data()).map(inverse).collect();
     let width = view.image().width();
     let mut gaussians = Gaussians::empty(0)?;
-    let cells = cells(view.image(), &inverse_depth, &anchors.pixels[range.clone()]);
+    let is_voxel = voxels.is_some();
+    let cells = voxels.unwrap_or_else(|| cells(view.image(), &inverse_depth, &anchors.pixels[range.clone()]));
     for (i, cell) in range.zip(&cells) {
         let pixel = anchors.pixels[i] as usize;
+        let middle = DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
         let surface = Surface {
-            pixel: DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5),
+            pixel: if is_voxel { DVec2::from(cell.centre.map(f64::from)) } else { middle },
             depth: f64::from(anchors.depths[i]),
             normal: DVec3::from(anchors.normals[i].map(f64::from)),
             area_per_anchor: area_per_anchor(neighbours, i),

@@ -13,7 +13,7 @@ const DEPTH_SCALE: f32 = 0.03;
 /// Assignments after the first, each with the means of the cells before it.
 const ROUNDS: usize = 2;
 /// Variance of a pixel's own square, pixels².
-const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
+pub(crate) const PIXEL_VARIANCE: f32 = 1.0 / 12.0;
 
 /// What one sampled pixel stands for.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -55,7 +55,8 @@ pub enum Backbone {
     DepthSplat(PathBuf),
 }
 
-/// Which pixels become Gaussians (the paper's sampling ablation, and the pixel-aligned baseline).
+/// Which pixels become Gaussians (the paper's sampling ablation), or how their number is brought down otherwise (the
+/// baselines of the paper's comparison).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Allocation {
@@ -67,13 +68,29 @@ pub enum Allocation {
     Random,
     /// Every pixel: one Gaussian each; the budget is not used.
     PixelAligned,
+    /// Every pixel; the Gaussians are then merged down to the budget, which must be a count (post-processing as in GGN
+    /// and Long-LRM).
+    Merged,
+    /// Every pixel; those that share a voxel become one Gaussian. The size of a voxel is solved for the budget, which must
+    /// be a count (as in AnySplat and VolSplat).
+    VoxelAligned,
+}
+
+impl Allocation {
+    /// Whether all pixels are lifted into space, instead of those that a sampler chose.
+    pub(crate) fn takes_all(self) -> bool {
+        match self {
+            Self::Entropy | Self::Laplacian | Self::Random => false,
+            Self::PixelAligned | Self::Merged | Self::VoxelAligned => true,
+        }
+    }
 }
 
 /// How many Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Budget {
-    /// Total count, far shell included; tau is solved for it.
+    /// Total count, far shell included; tau, the size of a voxel, or how much is merged, is solved for it.
     Gaussians(usize),
     /// The paper's knob: P = clip(tau · E / log2 L, 0, 1); the far shell comes on top.
     Tau(f64),

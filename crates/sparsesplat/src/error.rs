@@ -67,6 +67,12 @@ pub enum Error {
     /// DepthSplat's head without the Gaussians that it made.
     #[error("DepthSplat's head is asked for, and the backbone's geometry comes without its Gaussians")]
     NoOwnGaussians,
+    /// The factor of a probability as the budget of an allocation that draws no pixels but wants a count.
+    #[error("budget is tau {tau}, but the allocation draws no pixels: expected a count of Gaussians")]
+    NothingDrawn {
+        /// The budget.
+        tau: f64,
+    },
     /// A budget of nothing.
     #[error("budget is 0 Gaussians, expected at least 1")]
     EmptyBudget,

@@ -19,7 +19,9 @@ mod exposure;
 
 mod cells;
 mod closed_form;
+mod merge;
 mod shell;
+mod voxels;
 
 pub use anchored::{Anchored, anchor};
 pub use backbone::{geometry, identity as backbone_identity};

@@ -1,7 +1,8 @@
 use crate::anchored::{Anchored, anchor, timed};
 use crate::learned::LearnedHead;
+use crate::merge::merge;
 use crate::prediction::{Prediction, Stage, StageSeconds};
-use crate::{Budget, Config, Error, Head, Result, backbone, own_head};
+use crate::{Allocation, Budget, Config, Error, Head, Result, backbone, own_head};
 use depth_backbone::{ViewGeometry, Wanted};
 use gs_scene::View;
 
@@ -85,9 +86,14 @@ fn finish(
     let anchored = anchor(views, geometry, depth_range.1, config, &mut seconds, on_stage)?;
     let made = timed(&mut seconds.head, || head.map(|head| head.gaussians(&anchored, geometry)).transpose())?;
     on_stage(Stage::Decode);
-    let Anchored { base, shell, counts, tau, exposure, .. } = anchored;
+    let Anchored { base, shell, mut counts, tau, exposure, spacing, .. } = anchored;
     let gaussians = timed(&mut seconds.decode, || {
         let mut gaussians = made.unwrap_or(base);
+        if let (Allocation::Merged, Budget::Gaussians(total)) = (config.allocation, config.budget) {
+            let merged = merge(gaussians, &spacing, total - shell.len())?;
+            counts = counts.without(&merged.absorbed);
+            gaussians = merged.gaussians;
+        }
         gaussians.append(&shell.with_sh_degree(gaussians.sh_degree())?);
         Ok::<_, Error>(gaussians)
     })?;

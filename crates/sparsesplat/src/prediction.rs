@@ -11,7 +11,7 @@ pub struct Prediction {
     pub head: String,
     /// Where the Gaussians come from.
     pub counts: Counts,
-    /// The paper's tau that the budget was solved to; `None` for pixel-aligned.
+    /// The paper's tau that the budget was solved to; `None` where no pixels are drawn.
     pub tau: Option<f64>,
     /// Depth and confidence per view, without features.
     pub geometry: Vec<ViewGeometry>,
@@ -28,7 +28,7 @@ pub struct Prediction {
 pub struct Counts {
     /// All of them.
     pub total: usize,
-    /// Sampled from each view.
+    /// Of each view: sampled from it; of merged ones and voxels, those that have most from it.
     pub per_view: Vec<usize>,
     /// The far shell's.
     pub shell: usize,
@@ -82,13 +82,13 @@ pub enum Stage {
     Shell,
     /// Probability maps and chosen pixels.
     Sampling,
-    /// Pixels to anchors.
+    /// Pixels to anchors, by voxels where that is the allocation.
     Backproject,
     /// Neighbours of anchors.
     Knn,
     /// Attributes of anchors.
     Head,
-    /// Attributes to one set of Gaussians.
+    /// Attributes to one set of Gaussians, merged where that is the allocation.
     Decode,
 }
 
@@ -103,13 +103,13 @@ pub struct StageSeconds {
     pub shell: f64,
     /// Probability maps and chosen pixels.
     pub sampling: f64,
-    /// Pixels to anchors.
+    /// Pixels to anchors, by voxels where that is the allocation.
     pub backproject: f64,
     /// Neighbours of anchors.
     pub knn: f64,
     /// Attributes of anchors; the head's weights are read in it.
     pub head: f64,
-    /// Attributes to one set of Gaussians.
+    /// Attributes to one set of Gaussians, merged where that is the allocation.
     pub decode: f64,
 }
 

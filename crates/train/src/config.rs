@@ -68,6 +68,11 @@ impl Config {
         if !(0.0..=0.2).contains(&self.depth_error) {
             return refuse("depth_error", self.depth_error.to_string(), "a share from 0 to 0.2");
         }
+        if self.allocation == Allocation::Merged {
+            let expected =
+                "one that decides before the head: merging comes after it, trained is what is merged";
+            return refuse("allocation", "merged".to_owned(), expected);
+        }
         if self.batch == 0 || self.targets + self.contexts == 0 {
             let found = format!("batch {}, {} targets, {} contexts", self.batch, self.targets, self.contexts);
             return refuse("batch, targets, contexts", found, "something to compare");

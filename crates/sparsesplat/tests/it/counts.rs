@@ -8,7 +8,8 @@ fn check_exact(views: &[View], config: &Config, n: usize) -> Prediction {
     let prediction = run(views, &Config { budget: Budget::Gaussians(n), ..config.clone() });
     assert_eq!(prediction.counts.total, n);
     assert!(prediction.counts.shell as f64 <= 0.15 * n as f64, "{:?}", prediction.counts);
-    assert!(prediction.tau.is_some_and(|tau| tau.is_finite() && tau > 0.0));
+    let draws = !matches!(config.allocation, Allocation::Merged | Allocation::VoxelAligned);
+    assert_eq!(prediction.tau.is_some_and(|tau| tau.is_finite() && tau > 0.0), draws);
     prediction
 }
 
@@ -22,6 +23,12 @@ fn the_budget_is_met_exactly_by_every_allocation_and_backbone() {
         check_exact(views, &given_depth(1), n);
     }
     check_exact(&views[..3], &plane_sweep(1), 5_000);
+    for allocation in [Allocation::Merged, Allocation::VoxelAligned] {
+        for n in [1, 100, 3_001, 20_000] {
+            check_exact(views, &Config { allocation, ..given_depth(1) }, n);
+        }
+        check_exact(&views[..3], &Config { allocation, ..plane_sweep(1) }, 5_000);
+    }
 }
 
 #[test]
@@ -46,9 +53,16 @@ fn more_than_there_are_pixels_is_every_usable_pixel() {
         let prediction = run(views, &given_depth(n));
         assert_eq!(prediction.counts.per_view, usable, "budget {n}");
     }
-    let aligned = Config { allocation: Allocation::PixelAligned, ..given_depth(7) };
-    let prediction = run(views, &aligned);
-    assert_eq!((prediction.counts.per_view, prediction.tau), (usable, None));
+    let of = |allocation, n| run(views, &Config { allocation, ..given_depth(n) });
+    let aligned = of(Allocation::PixelAligned, 7);
+    assert_eq!((&aligned.counts.per_view, aligned.tau), (&usable, None));
+    // With nothing to be merged or averaged the baselines are the pixel-aligned set.
+    assert!(of(Allocation::Merged, usize::MAX).gaussians == aligned.gaussians);
+    let voxels = of(Allocation::VoxelAligned, usize::MAX);
+    assert_eq!(voxels.counts, aligned.counts);
+    let pairs = voxels.gaussians.geometry().iter().zip(aligned.gaussians.geometry());
+    let farthest = pairs.fold(0.0_f32, |farthest, (a, b)| farthest.max((a - b).abs()));
+    assert!(farthest < 1e-3, "{farthest}");
 }
 
 #[test]

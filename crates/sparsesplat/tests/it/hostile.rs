@@ -3,6 +3,17 @@ use gs_scene::{Camera, DepthMap, Gaussians, LOG_SCALE, View};
 use scene_sim::{Traced, demo_scene, lens};
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Error, predict};
 
+const ALL: [Allocation; 6] = [
+    Allocation::Entropy,
+    Allocation::Laplacian,
+    Allocation::Random,
+    Allocation::PixelAligned,
+    Allocation::Merged,
+    Allocation::VoxelAligned,
+];
+/// One of each kind that keeps to a count.
+const BY_COUNT: [Allocation; 3] = [Allocation::Entropy, Allocation::Merged, Allocation::VoxelAligned];
+
 fn check_error(views: &[View], config: &Config, expected: impl Fn(&Error) -> bool) {
     match predict(views, config, &mut |_| {}) {
         Ok(prediction) => panic!("{:?}, expected an error", prediction.counts),
@@ -32,6 +43,13 @@ fn a_budget_of_nothing() {
     }
     for tau in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         check_error(&COURTYARD.0, &Config { budget: Budget::Tau(tau), ..given_depth(1) }, is_sampling);
+    }
+    for allocation in [Allocation::Merged, Allocation::VoxelAligned] {
+        check_error(&COURTYARD.0, &Config { allocation, ..given_depth(0) }, |e| {
+            matches!(e, Error::EmptyBudget)
+        });
+        let by_tau = Config { allocation, budget: Budget::Tau(2.0), ..given_depth(1) };
+        check_error(&COURTYARD.0, &by_tau, |e| matches!(e, Error::NothingDrawn { tau: 2.0 }));
     }
 }
 
@@ -67,6 +85,17 @@ fn tiny_budgets_and_any_number_of_neighbours() {
         for n in [1, 2, 10, 300] {
             assert_eq!(run(&COURTYARD.0, &Config { neighbours, ..given_depth(n) }).counts.total, n);
         }
+        for allocation in [Allocation::Merged, Allocation::VoxelAligned] {
+            // Few pixels: with all of them as neighbours of all, the memory would be theirs squared.
+            let views: Vec<View> = COURTYARD.0[..2]
+                .iter()
+                .map(|view| with_depth(view, |i| if i % 37 == 0 { 4.0 } else { 0.0 }))
+                .collect();
+            for n in [1, 2, 10, 300] {
+                let config = Config { neighbours, allocation, ..given_depth(n) };
+                assert_eq!(run(&views, &config).counts.total, n, "{allocation:?}");
+            }
+        }
     }
 }
 
@@ -75,9 +104,7 @@ fn pictures_of_one_colour_and_single_measured_pixels() {
     for grey in [0.0, 0.5, 1.0] {
         let mut views = COURTYARD.0[..2].to_vec();
         views.iter_mut().for_each(|view| view.image_mut().data_mut().fill(grey));
-        for allocation in
-            [Allocation::Entropy, Allocation::Laplacian, Allocation::Random, Allocation::PixelAligned]
-        {
+        for allocation in ALL {
             let config = Config { allocation, ..given_depth(400) };
             match predict(&views, &config, &mut |_| {}) {
                 Ok(prediction) => check_prediction(&views, &prediction),
@@ -89,7 +116,10 @@ fn pictures_of_one_colour_and_single_measured_pixels() {
         .iter()
         .map(|view| with_depth(view, |i| if i == 8_000 { 4.0 } else { 0.0 }))
         .collect();
-    assert_eq!(run(&lone, &Config { far_shell: false, ..given_depth(400) }).counts.per_view, [1, 1]);
+    for allocation in ALL {
+        let config = Config { far_shell: false, allocation, ..given_depth(400) };
+        assert_eq!(run(&lone, &config).counts.per_view, [1, 1], "{allocation:?}");
+    }
 }
 
 #[test]
@@ -99,8 +129,11 @@ fn depth_with_deep_steps_and_of_extreme_scale() {
     let huge = |i: usize| 1e7 * (1 + i % 7) as f32;
     for depth in [&checkered as &dyn Fn(usize) -> f32, &tiny, &huge] {
         let views: Vec<View> = COURTYARD.0[..2].iter().map(|view| with_depth(view, depth)).collect();
-        assert_eq!(run(&views, &given_depth(700)).counts.total, 700);
-        assert_eq!(run(&views, &given_depth(3)).counts.total, 3);
+        for allocation in BY_COUNT {
+            for n in [3, 700] {
+                assert_eq!(run(&views, &Config { allocation, ..given_depth(n) }).counts.total, n);
+            }
+        }
     }
 }
 
@@ -123,6 +156,12 @@ fn a_few_gaussians_for_very_wide_pictures_stay_bounded() {
 #[test]
 fn a_camera_given_twice_and_cameras_in_one_place() {
     let twice = vec![COURTYARD.0[0].clone(); 3];
-    assert_eq!(run(&twice, &given_depth(900)).counts.total, 900);
+    for allocation in BY_COUNT {
+        assert_eq!(
+            run(&twice, &Config { allocation, ..given_depth(900) }).counts.total,
+            900,
+            "{allocation:?}"
+        );
+    }
     check_error(&twice, &Config { backbone: Backbone::PlaneSweep, ..given_depth(900) }, is_backbone);
 }

@@ -1,7 +1,7 @@
 use crate::{COURTYARD, given_depth, plane_sweep, positions, psnr, run};
 use glam::DVec3;
 use gs_scene::{Camera, DepthMap, View};
-use sparsesplat::{Config, DepthRange, Prediction, Sampler};
+use sparsesplat::{Allocation, Config, DepthRange, Prediction, Sampler};
 
 fn bits(prediction: &Prediction) -> Vec<u32> {
     let gaussians = &prediction.gaussians;
@@ -11,7 +11,12 @@ fn bits(prediction: &Prediction) -> Vec<u32> {
 #[test]
 fn any_number_of_threads_gives_the_same_bits() {
     let views = &COURTYARD.0[..3];
-    for config in [plane_sweep(3_000), Config { sampler: Sampler::Bernoulli, ..given_depth(3_000) }] {
+    for config in [
+        plane_sweep(3_000),
+        Config { sampler: Sampler::Bernoulli, ..given_depth(3_000) },
+        Config { allocation: Allocation::Merged, ..given_depth(3_000) },
+        Config { allocation: Allocation::VoxelAligned, ..given_depth(3_000) },
+    ] {
         let run_on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| run(views, &config))
@@ -32,11 +37,13 @@ fn the_seed_changes_which_pixels_are_chosen() {
 
 #[test]
 fn every_allocation_chooses_other_pixels() {
-    use sparsesplat::Allocation::{Entropy, Laplacian, Random};
+    use Allocation::{Entropy, Laplacian, Merged, Random, VoxelAligned};
     let of =
         |allocation| positions(&run(&COURTYARD.0, &Config { allocation, ..given_depth(3_000) }).gaussians);
-    let [entropy, laplacian, random] = [Entropy, Laplacian, Random].map(of);
-    assert!(entropy != laplacian && entropy != random && laplacian != random);
+    let found = [Entropy, Laplacian, Random, Merged, VoxelAligned].map(of);
+    for (i, one) in found.iter().enumerate() {
+        assert!(found[..i].iter().all(|other| other != one), "{i}");
+    }
 }
 
 /// The scene scaled about the origin, then moved.
@@ -67,6 +74,10 @@ fn scale_and_offset_do_not_matter() {
     check_moved(|_| given_depth(6_000), 1.0, 1e4);
     check_moved(|_| given_depth(6_000), 100.0, 1e4);
     check_moved(|_| given_depth(6_000), 0.01, 0.0);
+    for allocation in [Allocation::Merged, Allocation::VoxelAligned] {
+        check_moved(|_| Config { allocation, ..given_depth(6_000) }, 100.0, 1e4);
+        check_moved(|_| Config { allocation, ..given_depth(6_000) }, 0.01, 0.0);
+    }
     let stereo = |scale: f64| {
         let depth_range = DepthRange::Known { near: 3.0 * scale, far: 10.0 * scale };
         Config { depth_range, ..plane_sweep(6_000) }

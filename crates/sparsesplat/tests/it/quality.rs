@@ -29,6 +29,9 @@ fn held_out_views_from_exact_depth() {
     for allocation in [Allocation::Laplacian, Allocation::Random] {
         check(&format!("{allocation:?}, 8k"), &Config { allocation, ..given_depth(8_000) }, 4.0);
     }
+    for allocation in [Allocation::Merged, Allocation::VoxelAligned] {
+        check(&format!("{allocation:?}, 8k"), &Config { allocation, ..given_depth(8_000) }, 2.0);
+    }
     check("pixel-aligned", &Config { allocation: Allocation::PixelAligned, ..given_depth(1) }, 3.7);
 }
 

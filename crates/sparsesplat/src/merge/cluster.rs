@@ -1,0 +1,110 @@
+//! What was merged into one: moments, and the error of merging further.
+
+use super::covariance::{axes, covariance};
+use glam::{DMat3, DVec3};
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, rgb_from_dc};
+
+/// Colour difference (Euclidean, RGB 0..1) that weighs as much as the distance of one patch width; as for the cells.
+const COLOUR_SCALE: f32 = 0.12;
+/// Largest opacity: renderers draw none above it.
+const LARGEST_OPACITY: f64 = 0.99;
+/// Smallest ratio of two standard deviations.
+const SMALLEST_ASPECT: f64 = 1e-4;
+
+/// Gaussians that have become one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cluster {
+    /// Optical mass, scene units².
+    pub(super) mass: f64,
+    /// The same in pixels where it is: what it weighs in a picture.
+    pub(super) weight: f64,
+    /// Mean by mass, world axes, scene units.
+    pub(super) mean: DVec3,
+    /// Second central moments by mass, scene units².
+    pub(super) covariance: DMat3,
+    /// How many they are.
+    pub(super) members: u32,
+}
+
+/// Colour of SH coefficients that begin with the constant one.
+pub(super) fn colour(sh: &[f32]) -> [f32; 3] {
+    rgb_from_dc([sh[0], sh[1], sh[2]])
+}
+
+/// What the picture loses, squared and summed over pixels, up to a common factor, if two become one.
+pub(super) fn cost(a: (&Cluster, [f32; 3]), b: (&Cluster, [f32; 3]), patch: f64) -> f32 {
+    let ((a, a_colour), (b, b_colour)) = (a, b);
+    let weight = a.weight + b.weight;
+    let pixel = (a.mass + b.mass) / weight;
+    let distance = a.mean.distance_squared(b.mean) / (pixel * patch);
+    let colour: f32 = (0..3).map(|c| (a_colour[c] - b_colour[c]).powi(2)).sum();
+    let colour = f64::from(colour / (COLOUR_SCALE * COLOUR_SCALE));
+    let cost = (a.weight * b.weight / weight * (distance + colour)) as f32;
+    if cost.is_finite() { cost } else { f32::MAX }
+}
+
+impl Cluster {
+    /// One Gaussian, which stands for a patch `width` wide.
+    pub(super) fn new(row: &[f32], width: f32) -> Self {
+        let [first, second, third] = [0, 1, 2].map(|i| f64::from(row[LOG_SCALE.start + i]));
+        let thinnest = first.min(second).min(third);
+        let mass = (optical_depth(row[OPACITY_LOGIT]).ln() + first + second + third - thinnest).exp();
+        Self {
+            mass,
+            weight: mass / f64::from(width).powi(2),
+            mean: DVec3::from_array([0, 1, 2].map(|i| f64::from(row[MEAN.start + i]))),
+            covariance: covariance(&row[QUATERNION], &row[LOG_SCALE]),
+            members: 1,
+        }
+    }
+
+    /// Both as one, with their moments.
+    pub(super) fn joined(&self, other: &Self) -> Self {
+        let mass = self.mass + other.mass;
+        let (p, q) = (self.mass / mass, other.mass / mass);
+        let step = other.mean - self.mean;
+        let between = DMat3::from_cols(step * step.x, step * step.y, step * step.z) * (p * q);
+        Self {
+            mass,
+            weight: self.weight + other.weight,
+            mean: self.mean * p + other.mean * q,
+            covariance: self.covariance * p + other.covariance * q + between,
+            members: self.members + other.members,
+        }
+    }
+
+    /// Appends it as a Gaussian with this SH; `row` is the Gaussian that it was to begin with, and still is if nothing
+    /// was merged into it.
+    pub(super) fn push(&self, row: &[f32], sh: &[f32], gaussians: &mut Gaussians) {
+        if self.members == 1 {
+            let [mean, scale] = [&row[MEAN], &row[LOG_SCALE]].map(|part| [part[0], part[1], part[2]]);
+            let q = &row[QUATERNION];
+            return gaussians.push(mean, [q[0], q[1], q[2], q[3]], scale, row[OPACITY_LOGIT], sh);
+        }
+        let (rotation, variances) = axes(self.covariance);
+        let spread = env("SPREAD", 1.0).sqrt();
+        let wide = variances[0].sqrt().max(f64::from(f32::MIN_POSITIVE));
+        let deviations = variances.map(|v| v.sqrt().max(SMALLEST_ASPECT * wide));
+        let depth = self.mass / (deviations[0] * deviations[1]);
+        let cap = env("CAP", LARGEST_OPACITY);
+        let opacity = (-(-depth).exp_m1()).clamp(1e-6, cap);
+        gaussians.push(
+            self.mean.as_vec3().to_array(),
+            [rotation.w, rotation.x, rotation.y, rotation.z].map(|v| v as f32),
+            deviations.map(|s| ((spread * s) as f32).max(f32::MIN_POSITIVE).ln()),
+            (opacity / (1.0 - opacity)).ln() as f32,
+            sh,
+        );
+    }
+}
+
+fn env(name: &str, default: f64) -> f64 {
+    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
+}
+
+/// -ln(1 - opacity) of an opacity's logit.
+fn optical_depth(logit: f32) -> f64 {
+    let logit = f64::from(logit);
+    // ln(1 + e^x), stable for large x; what is fainter than 1e-12 is not told apart.
+    (logit.max(0.0) + (-logit.abs()).exp().ln_1p()).max(1e-12)
+}
