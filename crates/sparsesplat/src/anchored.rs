@@ -230,6 +230,7 @@ fn closed_form(
             normal: DVec3::from(anchors.normals[i].map(f64::from)),
             area_per_anchor: area_per_anchor(neighbours, i),
             confirmed: geometry.is_confirmed(pixel),
+            voxel: is_voxel,
         };
         closed_form::push(&mut gaussians, view.camera(), &surface, cell);
     }

@@ -14,6 +14,9 @@ use gs_scene::{Camera, Gaussians, dc_from_rgb, logit};
 const SPREAD: f64 = 1.7;
 /// The same where no other view confirms the surface.
 const UNCONFIRMED_SPREAD: f64 = 2.2;
+/// The same for a voxel, which has its surface to itself: it holds what all views have there. On two scenes at 40k the
+/// spread of the others loses 1.3 dB, 3.5 loses 0.2.
+const VOXEL_SPREAD: f64 = 2.6;
 /// Smallest share of the cell's area that an anchor among many is taken to stand for.
 const SMALLEST_SHARE: f64 = 0.25;
 /// Thickness of the disc over the smaller of its two standard deviations.
@@ -44,6 +47,8 @@ pub(crate) struct Surface {
     pub(crate) area_per_anchor: Option<f64>,
     /// Whether the depth is measured, not filled in.
     pub(crate) confirmed: bool,
+    /// Whether the anchor is a voxel, not a pixel.
+    pub(crate) voxel: bool,
 }
 
 /// Turns the normal towards the viewing ray until the slant limit holds; `ray` is the unit direction from the camera.
@@ -93,7 +98,11 @@ pub(crate) fn push(gaussians: &mut Gaussians, camera: &Camera, surface: &Surface
 
     let cell_area = f64::from(cell.area) * (ux * vy).abs();
     let share = surface.area_per_anchor.map_or(1.0, |area| (area / cell_area).clamp(SMALLEST_SHARE, 1.0));
-    let spread = if surface.confirmed { SPREAD * share.sqrt() } else { UNCONFIRMED_SPREAD };
+    let spread = match surface {
+        Surface { voxel: true, .. } => VOXEL_SPREAD,
+        Surface { confirmed: true, .. } => SPREAD * share.sqrt(),
+        _ => UNCONFIRMED_SPREAD,
+    };
     let [xx, xy, yy] = cell.covariance.map(|c| f64::from(c) * spread);
     let (angle, variances) =
         eigen(ux * ux * xx + 2.0 * ux * vx * xy + vx * vx * yy, vy * (ux * xy + vx * yy), vy * vy * yy);
@@ -157,7 +166,7 @@ mod tests {
                 ..Cell::default()
             };
             let surface =
-                Surface { pixel: DVec2::new(x, y), depth, normal: towards, area_per_anchor: None, confirmed: true };
+                Surface { pixel: DVec2::new(x, y), depth, normal: towards, area_per_anchor: None, confirmed: true, voxel: false };
             prop_assume!(-towards.dot((camera.rotation().transpose() * LENS.ray(surface.pixel)).normalize()) > 0.4);
             let mut gaussians = Gaussians::empty(0).unwrap();
             push(&mut gaussians, &camera, &surface, &cell);
@@ -179,6 +188,7 @@ mod tests {
                 normal: DVec3::NEG_Z,
                 area_per_anchor,
                 confirmed: true,
+                voxel: false,
             };
             let mut gaussians = Gaussians::empty(0).unwrap();
             push(&mut gaussians, &camera, &surface, &cell);
@@ -203,6 +213,7 @@ mod tests {
                 normal,
                 area_per_anchor: None,
                 confirmed: true,
+                voxel: false,
             };
             let mut gaussians = Gaussians::empty(0).unwrap();
             push(&mut gaussians, &camera, &surface, &cell);

@@ -1,13 +1,14 @@
 //! Merging a set of Gaussians down to a count: the post-processed baseline.
 //!
-//! It stands for what GGN (Gaussian pooling: Gaussians of several views that lie in one place become one) and Long-LRM
-//! (faint ones are dropped) do after a pixel-aligned prediction. Theirs stop at a threshold, so that the count is what
-//! comes out; here the count is given, and merging goes on within views where it must:
+//! It stands for what GGN and Long-LRM do after a pixel-aligned prediction. GGN's Gaussian pooling makes one Gaussian of
+//! those of several views that lie within a distance of each other; Long-LRM drops faint ones. Both stop at a threshold,
+//! so that the count is what comes out, and both are trained with it. Here nothing is trained, the count is given, and
+//! what is alike is merged within views as well, for as long as it takes:
 //!
-//! 1. Gaussians that no renderer draws are dropped, faintest first, while there are too many.
-//! 2. Each Gaussian proposes to the one among its nearest with which it makes the smallest error (Ward's criterion:
-//!    harmonic mean of the weights times squared distance, in colour and in pixels). The cheapest proposals that do not
-//!    meet are taken, of a round at most a quarter of the set, so that what is cheap later comes before what is dear now.
+//! 1. Gaussians too faint to be drawn are dropped, faintest first, while there are too many.
+//! 2. In rounds, each Gaussian proposes to the one among its nearest with which it makes the smallest error: Ward's
+//!    criterion, the harmonic mean of their weights times their squared distance in colour and in pixels. Proposals are
+//!    taken from the cheapest on, each Gaussian once a round, until the count is reached.
 //! 3. A pair becomes the Gaussian with its total moments: optical mass, mean, second moments; SH are averaged by mass.
 //!
 //! Optical mass is -ln(1 - opacity) times the disc's area: of two Gaussians in one place light passes as through both,
@@ -22,9 +23,7 @@ use gs_scene::{Gaussians, OPACITY_LOGIT, sh_coefficients, sigmoid};
 use rayon::prelude::*;
 
 /// Neighbours among which a partner is looked for.
-const NEIGHBOURS: usize = 8;
-/// Of a round at most one in so many is merged away.
-const ROUND: usize = 4;
+const NEIGHBOURS: usize = 5;
 /// Opacity below which renderers skip a Gaussian.
 const INVISIBLE: f32 = 1.0 / 255.0;
 
@@ -107,7 +106,7 @@ fn reduce(
         let mut proposals: Vec<u64> = partners.par_iter().enumerate().filter_map(key).collect();
         proposals.par_sort_unstable();
 
-        let most = (left.len() - count).min((left.len() / ROUND).max(1));
+        let most = left.len() - count;
         let mut taken = vec![false; left.len()];
         let mut gone = vec![false; left.len()];
         let mut merged = 0;

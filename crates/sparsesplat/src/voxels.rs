@@ -6,7 +6,8 @@
 //!
 //! A voxel belongs to the view that has most in it, its home. Of its pixels, those that lie within that view's picture
 //! are averaged, by confidence: position, normal, colour, features; how they spread in the picture is its cell. From
-//! there on voxels are anchors as any.
+//! there on voxels are anchors as any, with neighbours, a head and a decoder. AnySplat's weights are a softmax of its
+//! learned confidence, VolSplat refines voxels by a network in space; neither is there here.
 
 use crate::cells::{Cell, PIXEL_VARIANCE};
 use backproject::Anchors;
@@ -136,12 +137,6 @@ fn average(pixels: &Anchors, members: &[u32], views: &[View], geometry: &[ViewGe
     let own_normal = DVec3::from(pixels.normals[pixel].map(f64::from));
     let middle = camera.project(position).unwrap_or(centre);
     let [xx, xy, yy] = spread.map(|v| v as f32);
-    let total = seen.len() as f32;
-    let area = match std::env::var("AREA").as_deref() {
-        Ok("total") => total,
-        Ok("moments") => (12.0 * ((xx + PIXEL_VARIANCE) * (yy + PIXEL_VARIANCE) - xy * xy).sqrt()).max(1.0),
-        _ => area,
-    };
     Voxel {
         pixel,
         position,
