@@ -12,7 +12,7 @@ const LARGEST_OPACITY: f64 = 0.99;
 const SMALLEST_OPACITY: f64 = 1e-6;
 /// Variance of a Gaussian over that of what was merged into it. Blending lets more through between Gaussians than the
 /// sum that moments keep: at 40k, 1 loses 1.1 dB and 2.6 loses 0.2.
-const SPREAD: f64 = 1.7;
+pub(super) const SPREAD: f64 = 1.7;
 /// Smallest ratio of two standard deviations.
 const SMALLEST_ASPECT: f64 = 1e-4;
 

@@ -56,11 +56,12 @@ fn more_than_there_are_pixels_is_every_usable_pixel() {
     let of = |allocation, n| run(views, &Config { allocation, ..given_depth(n) });
     let aligned = of(Allocation::PixelAligned, 7);
     assert_eq!((&aligned.counts.per_view, aligned.tau), (&usable, None));
-    // With nothing to be merged or averaged the baselines are the pixel-aligned set.
+    // With nothing to be merged or averaged the baselines are the pixel-aligned set, voxels drawn wider.
     assert!(of(Allocation::Merged, usize::MAX).gaussians == aligned.gaussians);
     let voxels = of(Allocation::VoxelAligned, usize::MAX);
     assert_eq!(voxels.counts, aligned.counts);
-    let pairs = voxels.gaussians.geometry().iter().zip(aligned.gaussians.geometry());
+    let (voxels, aligned) = (positions(&voxels.gaussians), positions(&aligned.gaussians));
+    let pairs = voxels.iter().flatten().zip(aligned.iter().flatten());
     let farthest = pairs.fold(0.0_f32, |farthest, (a, b)| farthest.max((a - b).abs()));
     assert!(farthest < 1e-3, "{farthest}");
 }
