@@ -2,6 +2,7 @@
 //!
 //! The commands of users go to the `sparsesplat` binary, arguments untouched; the checks of developers run here.
 
+mod browser;
 mod consumer;
 mod run;
 mod test;
@@ -10,7 +11,7 @@ mod tidy;
 use run::{Step, cargo};
 use std::env;
 use std::ffi::OsString;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 const HELP: &str = "\
@@ -22,6 +23,7 @@ Commands of the product (built in release, arguments passed on; each has --help)
   render       a scene to pictures
   eval         the tables: PSNR, SSIM, Gaussians and time on data sets
   tradeoff     what accuracy costs in time: one method varied along one axis at a time
+  paper        the paper's tables, with what is measured here beside
   train        a head, on a frozen backbone
   ablate       the paper's ablations, each row trained alike
   simulate     photographs of a described or generated scene, as a data set in one of the usual layouts
@@ -33,6 +35,8 @@ Commands of the product (built in release, arguments passed on; each has --help)
 Checks for developers:
   test         every test (dev profile); arguments go to `cargo test`
   test --gpu   those that need a graphics adapter as well; a software one does, without any it fails
+  browser-test [PAGE ...]
+               reports in a real browser (Chromium): plots, pictures, sliders, console; without a page it makes them first
   shader NAME  a shader as it is compiled; without a name it lists them
   tidy         rules that no compiler knows: file sizes, paths in documents, names of crates
   ci           formatting, lints, tidy, tests with --gpu, documentation, packages, use from outside: all that must pass
@@ -45,6 +49,7 @@ const FORWARDED: [&str; 12] = [
     "render",
     "eval",
     "tradeoff",
+    "paper",
     "train",
     "ablate",
     "simulate",
@@ -63,6 +68,7 @@ fn main() -> ExitCode {
     match command.to_str() {
         Some(name) if FORWARDED.contains(&name) => forward(root, name, &rest),
         Some("test") => test::run(root, &rest),
+        Some("browser-test") => browser::run(root, &rest, |folder| pages(root, folder)),
         Some("shader") => run::exit_code(cargo(SHADER).args(rest).current_dir(root).status()),
         Some("tidy") => run::all(root, &[TIDY]),
         Some("ci") => run::all(root, &CI),
@@ -96,6 +102,23 @@ fn forward(root: &Path, command: &str, arguments: &[OsString]) -> ExitCode {
         }
         failed => run::exit_code(failed),
     }
+}
+
+/// One page of each kind, of pictures small enough to be made in seconds.
+fn pages(root: &Path, folder: &Path) -> Option<Vec<PathBuf>> {
+    const SMALL: [&str; 6] = ["--size", "120x80", "--gaussians", "2k", "--device", "cpu"];
+    let kinds: [(&str, &[&str]); 2] = [("tradeoff", &["--quick"]), ("eval", &["--dataset", "simulated"])];
+    let mut pages = Vec::new();
+    for (command, more) in kinds {
+        let page = folder.join(format!("{command}.html"));
+        let words = more.iter().chain(&SMALL).map(OsString::from);
+        let words: Vec<OsString> = words.chain(["--report".into(), page.clone().into()]).collect();
+        if forward(root, command, &words) != ExitCode::SUCCESS {
+            return None;
+        }
+        pages.push(page);
+    }
+    Some(pages)
 }
 
 const SHADER: [&str; 7] = ["run", "--quiet", "--package", "gs-shaders", "--example", "shader", "--"];

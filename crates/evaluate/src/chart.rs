@@ -1,11 +1,14 @@
 //! What all plots share: size, colours, axes, lines with marks, the legend.
 
-use plotters::coord::CoordTranslate;
+use plotters::coord::Shift;
 use plotters::coord::ranged1d::{Ranged, ValueFormatter};
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// Width and height, pixels.
-pub(crate) const SIZE: (u32, u32) = (820, 460);
+pub(crate) const SIZE: (u32, u32) = (960, 460);
+/// Width of the legend beside a chart, pixels.
+const LEGEND: u32 = 216;
 /// Colours that are told apart by people who do not see red and green (Okabe & Ito).
 pub(crate) const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
@@ -19,14 +22,15 @@ pub(crate) const COLOURS: [RGBColor; 7] = [
 
 /// A chart on SVG.
 pub(crate) type Chart<'a, 'b, X, Y> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;
+/// A part of the picture.
+pub(crate) type Area<'b> = DrawingArea<SVGBackend<'b>, Shift>;
+/// Series by name, as the legend lists them.
+pub(crate) type Names = Vec<(String, ShapeStyle)>;
 /// What drawing may give.
 pub(crate) type Drawn<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
 /// Draws into a string.
-pub(crate) fn svg(
-    size: (u32, u32),
-    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, plotters::coord::Shift>) -> Drawn,
-) -> String {
+pub(crate) fn svg(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
     let mut svg = String::new();
     let drawn = {
         let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
@@ -85,9 +89,22 @@ where
     Ok(())
 }
 
-/// A line with a mark at each point, unless their size is 0, and its name in the legend.
-pub(crate) fn line<'a, X, Y>(
-    chart: &mut Chart<'a, '_, X, Y>,
+/// An area for a chart, and one beside it for its legend, which would hide points within.
+pub(crate) fn beside<'b>(area: &Area<'b>) -> (Area<'b>, Area<'b>) {
+    area.split_horizontally(SIZE.0 - LEGEND)
+}
+
+/// A chart to be, with the room for its axes.
+pub(crate) fn chart_on<'a, 'b>(area: &'a Area<'b>) -> ChartBuilder<'a, 'b, SVGBackend<'b>> {
+    let mut builder = ChartBuilder::on(area);
+    builder.margin(12).x_label_area_size(40).y_label_area_size(64);
+    builder
+}
+
+/// A line with a mark at each point, unless their size is 0; its name goes to `names`.
+pub(crate) fn line<X, Y>(
+    chart: &mut Chart<'_, '_, X, Y>,
+    names: &mut Names,
     name: &str,
     points: &[(f64, f64)],
     style: ShapeStyle,
@@ -97,10 +114,8 @@ where
     X: Ranged<ValueType = f64>,
     Y: Ranged<ValueType = f64>,
 {
-    chart
-        .draw_series(std::iter::once(PathElement::new(points.to_vec(), style)))?
-        .label(name)
-        .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+    chart.draw_series(std::iter::once(PathElement::new(points.to_vec(), style)))?;
+    names.push((name.to_owned(), style));
     if mark > 0 {
         marks(chart, points, style, mark)?;
     }
@@ -122,18 +137,14 @@ where
     Ok(())
 }
 
-/// The names of the series.
-pub(crate) fn legend<'a, 'b: 'a, C: CoordTranslate>(
-    chart: &mut ChartContext<'a, SVGBackend<'b>, C>,
-    place: SeriesLabelPosition,
-) -> Drawn {
-    chart
-        .configure_series_labels()
-        .position(place)
-        .background_style(WHITE.mix(0.8))
-        .border_style(BLACK.mix(0.3))
-        .label_font(("sans-serif", 13))
-        .draw()?;
+/// The names of the series, one below the other.
+pub(crate) fn legend(area: &Area<'_>, names: &Names) -> Drawn {
+    for (i, (name, style)) in names.iter().enumerate() {
+        let y = 22 + 20 * i as i32;
+        area.draw(&PathElement::new([(2, y), (22, y)], *style))?;
+        let font = ("sans-serif", 13).into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
+        area.draw(&Text::new(name.clone(), (28, y), font))?;
+    }
     Ok(())
 }
 

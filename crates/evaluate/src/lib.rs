@@ -18,6 +18,7 @@ mod table;
 
 mod chart;
 mod colour;
+mod labels;
 mod page;
 mod picture;
 mod plot;
@@ -42,6 +43,6 @@ pub use recipe::{Machine, Recipe, peak_rss_bytes, restart_peak_rss};
 pub use render::{Rendered, render_ellipsoids, render_view};
 pub use report::{PictureLimits, Report};
 pub use simulated::{SIMULATED_SIZE, SimulatedScene, simulated_window};
-pub use table::{Table, count, decibel, figures_table, number};
+pub use table::{Table, count, decibel, figures_table, lpips_column, number};
 pub use training_plot::training_plot;
 pub use window::{Outcome, Step, Window, reconstruct_window, run_window};

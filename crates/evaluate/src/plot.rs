@@ -1,9 +1,8 @@
 //! The plot of refinement as SVG, its text as text.
 
 use crate::WindowRow;
-use crate::chart::{COLOURS, Drawn, SIZE, axes, legend, line, style, svg};
+use crate::chart::{Area, COLOURS, Drawn, Names, SIZE, axes, beside, chart_on, legend, line, style, svg};
 use crate::figures::{CurvePoint, mean};
-use plotters::coord::Shift;
 use plotters::prelude::*;
 
 /// Held-out PSNR over the seconds of refinement, a line per scene and one for their mean: at each measured
@@ -50,32 +49,25 @@ fn mean_curve(curves: &[&[CurvePoint]]) -> Vec<CurvePoint> {
 }
 
 /// `scenes` of the lines are scenes, one more would be their mean.
-fn draw(
-    area: &DrawingArea<SVGBackend<'_>, Shift>,
-    lines: &[(String, Vec<CurvePoint>)],
-    scenes: usize,
-) -> Drawn {
+fn draw(area: &Area<'_>, lines: &[(String, Vec<CurvePoint>)], scenes: usize) -> Drawn {
     let points = || lines.iter().flat_map(|(_, curve)| curve).filter(|point| point.psnr_held_out.is_finite());
     let longest = points().map(|point| point.seconds).fold(0.0, f64::max).max(1e-3);
     let low = points().map(|point| point.psnr_held_out).fold(f64::INFINITY, f64::min);
     let high = points().map(|point| point.psnr_held_out).fold(f64::NEG_INFINITY, f64::max);
     let (low, high) = if low <= high { (low.floor(), high.ceil() + 0.5) } else { (0.0, 1.0) };
 
-    let mut chart = ChartBuilder::on(area)
-        .margin(12)
-        .x_label_area_size(40)
-        .y_label_area_size(48)
-        // Room for the legend beside the lines.
-        .build_cartesian_2d(0.0..longest * 1.18, low..high)?;
+    let (area, side) = beside(area);
+    let mut chart = chart_on(&area).build_cartesian_2d(0.0..longest * 1.04, low..high)?;
+    let mut names = Names::new();
     axes(&mut chart, "seconds of refinement", "PSNR of held-out views, dB")?;
     for (i, (name, curve)) in lines.iter().enumerate() {
         let is_mean = i >= scenes;
         let style = if is_mean { style(BLACK, 3) } else { style(COLOURS[i % COLOURS.len()], 2) };
         let shown = curve.iter().filter(|point| point.psnr_held_out.is_finite());
         let shown: Vec<(f64, f64)> = shown.map(|point| (point.seconds, point.psnr_held_out)).collect();
-        line(&mut chart, name, &shown, style, 2)?;
+        line(&mut chart, &mut names, name, &shown, style, 2)?;
     }
-    legend(&mut chart, SeriesLabelPosition::LowerRight)
+    legend(&side, &names)
 }
 
 #[cfg(test)]

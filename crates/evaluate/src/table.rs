@@ -94,8 +94,7 @@ pub fn figures_table(
     let refined = windows.iter().any(|window| window.seeds.iter().any(|run| run.refinement.is_some()));
     let quality: &[&str] =
         if refined { &["feed-forward PSNR", "SSIM", "refined PSNR", "SSIM"] } else { &["PSNR", "SSIM"] };
-    let lpips =
-        lpips_network.map_or_else(|| "LPIPS (no weights)".to_owned(), |network| format!("LPIPS ({network})"));
+    let lpips = lpips_column(lpips_network);
     let head = [
         &["scene", "Gaussians", "shell"],
         quality,
@@ -120,6 +119,12 @@ pub fn figures_table(
         table.push(cells(&name, &mean.figures, mean.spread, refined));
     }
     table
+}
+
+/// The column of LPIPS: figures of different networks say nothing about each other.
+#[must_use]
+pub fn lpips_column(network: Option<&str>) -> String {
+    network.map_or_else(|| "LPIPS (no weights)".to_owned(), |network| format!("LPIPS ({network})"))
 }
 
 fn cells(name: &str, figures: &Figures, spread: Option<Spread>, refined: bool) -> Vec<String> {

@@ -1,7 +1,8 @@
 //! The curve of a training run as SVG.
 
-use crate::chart::{COLOURS, Drawn, SIZE, axes, legend, line, range, style, svg};
-use plotters::coord::Shift;
+use crate::chart::{
+    Area, COLOURS, Drawn, Names, SIZE, axes, beside, chart_on, legend, line, range, style, svg,
+};
 use plotters::prelude::*;
 
 /// Steps that a point of the loss is the mean of: single steps see single windows.
@@ -14,11 +15,7 @@ pub fn training_plot(loss: &[(f64, f64)], gains: &[(String, Vec<(f64, f64)>)]) -
     svg((SIZE.0, 2 * SIZE.1), |area| draw(area, loss, gains))
 }
 
-fn draw(
-    area: &DrawingArea<SVGBackend<'_>, Shift>,
-    loss: &[(f64, f64)],
-    gains: &[(String, Vec<(f64, f64)>)],
-) -> Drawn {
+fn draw(area: &Area<'_>, loss: &[(f64, f64)], gains: &[(String, Vec<(f64, f64)>)]) -> Drawn {
     let finite = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
         points.iter().copied().filter(|(step, value)| step.is_finite() && value.is_finite()).collect()
     };
@@ -32,13 +29,9 @@ fn draw(
     let steps = || loss.iter().chain(gains.iter().flat_map(|(_, points)| points)).map(|p| p.0);
     let last = steps().fold(1.0, f64::max);
 
-    let halves = area.split_evenly((2, 1));
+    let halves: Vec<_> = area.split_evenly((2, 1)).iter().map(beside).collect();
     let panel = |half: usize, values: std::ops::Range<f64>, title: &str| {
-        let mut chart = ChartBuilder::on(&halves[half])
-            .margin(12)
-            .x_label_area_size(40)
-            .y_label_area_size(64)
-            .build_cartesian_2d(0.0..last * 1.02, values)?;
+        let mut chart = chart_on(&halves[half].0).build_cartesian_2d(0.0..last * 1.02, values)?;
         axes(&mut chart, "steps", title)?;
         Drawn::Ok(chart)
     };
@@ -46,10 +39,11 @@ fn draw(
     upper.draw_series(LineSeries::new(loss.iter().copied(), style(COLOURS[0], 2)))?;
     let values = gains.iter().flat_map(|(_, points)| points).map(|p| p.1).chain([0.0]);
     let mut lower = panel(1, range(values, 0.08), "held-out PSNR above the closed form, dB")?;
+    let mut names = Names::new();
     for (i, (name, points)) in gains.iter().enumerate() {
-        line(&mut lower, name, points, style(COLOURS[i % COLOURS.len()], 2), 3)?;
+        line(&mut lower, &mut names, name, points, style(COLOURS[i % COLOURS.len()], 2), 3)?;
     }
-    legend(&mut lower, SeriesLabelPosition::LowerRight)
+    legend(&halves[1].1, &names)
 }
 
 #[cfg(test)]

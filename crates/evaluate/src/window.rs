@@ -167,15 +167,11 @@ pub fn run_window(
     for (i, target) in window.targets.iter().enumerate() {
         let rendered = render_timed(target)?;
         let nearest = nearest_view(target, &window.context)?;
-        let lpips = lpips.map(|lpips| {
-            let clipped = clipped(&rendered.image);
-            compare(|photograph, image| lpips.distance(photograph, image), target, &clipped)
-        });
         figures.per_target.push(Target {
             name: target.name().to_owned(),
             psnr: compare(psnr, target, &rendered.image)?,
             ssim: compare(ssim, target, &rendered.image)?,
-            lpips: lpips.transpose()?,
+            lpips: lpips_of(lpips, target, &rendered.image)?,
             psnr_feed_forward: before.get(i).map(|(psnr, _)| *psnr),
             nearest_view: nearest.name().to_owned(),
             psnr_nearest_view: compare(psnr, target, nearest.image())?,
@@ -207,6 +203,13 @@ pub(crate) fn compare(
     image: &Image,
 ) -> Result<f64> {
     metric(view.image(), image).map_err(|source| Error::Metric { view: view.name().to_owned(), source })
+}
+
+/// LPIPS between a photograph and its rendering, where there are weights for it.
+pub(crate) fn lpips_of(lpips: Option<&Lpips>, view: &View, image: &Image) -> Result<Option<f64>> {
+    let distance =
+        |lpips: &Lpips| compare(|photograph, image| lpips.distance(photograph, image), view, &clipped(image));
+    lpips.map(distance).transpose()
 }
 
 /// Values clipped to 0..1, as a screen shows them; PSNR and SSIM clip by themselves.

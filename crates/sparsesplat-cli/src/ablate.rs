@@ -1,6 +1,6 @@
 //! `ablate`: the paper's ablations, each row trained alike.
 
-use crate::arguments::{Common, gaussians, positive};
+use crate::arguments::{Common, LpipsWeights, gaussians, positive};
 use crate::failure::{OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::summary::{print, print_line};
@@ -9,8 +9,8 @@ use crate::{device, output, threads};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
 use evaluate::{
-    Dropped, Event, GeometryCache, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table, Windows,
-    evaluate,
+    Dropped, Event, GeometryCache, Lpips, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table, Windows,
+    evaluate, lpips_column,
 };
 use serde::Serialize;
 use sparsesplat::{Allocation, Budget, Head};
@@ -55,6 +55,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "DIR")]
     photographs: Option<PathBuf>,
     #[command(flatten)]
+    lpips: LpipsWeights,
+    #[command(flatten)]
     data: Data,
 }
 
@@ -70,11 +72,11 @@ enum What {
     Head,
 }
 
-/// A row: its name, how it differs, and the paper's PSNR and SSIM (none where its training failed).
+/// A row: its name, how it differs, and the paper's PSNR, SSIM and LPIPS (none where its training failed).
 struct Row {
     name: &'static str,
     vary: fn(&mut Config),
-    paper: Option<(f64, f64)>,
+    paper: Option<[f64; 3]>,
 }
 
 impl What {
@@ -82,22 +84,22 @@ impl What {
         let row = |name, paper, vary| Row { name, vary, paper };
         match self {
             Self::Sampling => vec![
-                row("entropy", Some((22.36, 0.718)), |c| c.allocation = Allocation::Entropy),
-                row("random", Some((21.50, 0.696)), |c| c.allocation = Allocation::Random),
-                row("laplacian", Some((21.95, 0.705)), |c| c.allocation = Allocation::Laplacian),
+                row("entropy", Some([22.36, 0.718, 0.262]), |c| c.allocation = Allocation::Entropy),
+                row("random", Some([21.50, 0.696, 0.288]), |c| c.allocation = Allocation::Random),
+                row("laplacian", Some([21.95, 0.705, 0.267]), |c| c.allocation = Allocation::Laplacian),
             ],
             Self::Neighbours => vec![
-                row("K=0", Some((21.53, 0.683)), |c| c.neighbours = 0),
-                row("K=5", Some((22.23, 0.713)), |c| c.neighbours = 5),
-                row("K=10", Some((22.34, 0.717)), |c| c.neighbours = 10),
-                row("K=20", Some((22.36, 0.718)), |c| c.neighbours = 20),
-                row("K=30", Some((22.38, 0.718)), |c| c.neighbours = 30),
+                row("K=0", Some([21.53, 0.683, 0.291]), |c| c.neighbours = 0),
+                row("K=5", Some([22.23, 0.713, 0.267]), |c| c.neighbours = 5),
+                row("K=10", Some([22.34, 0.717, 0.264]), |c| c.neighbours = 10),
+                row("K=20", Some([22.36, 0.718, 0.262]), |c| c.neighbours = 20),
+                row("K=30", Some([22.38, 0.718, 0.261]), |c| c.neighbours = 30),
             ],
             Self::Head => vec![
-                row("edge-conv", Some((20.78, 0.664)), |c| c.head = Kind::EdgeConv),
-                row("mlp", Some((21.47, 0.683)), |c| c.head = Kind::Mlp),
+                row("edge-conv", Some([20.78, 0.664, 0.329]), |c| c.head = Kind::EdgeConv),
+                row("mlp", Some([21.47, 0.683, 0.299]), |c| c.head = Kind::Mlp),
                 row("max-pool", None, |c| c.head = Kind::MaxPool),
-                row("attention", Some((22.36, 0.718)), |c| c.head = Kind::Attention),
+                row("attention", Some([22.36, 0.718, 0.263]), |c| c.head = Kind::Attention),
             ],
         }
     }
@@ -117,10 +119,12 @@ struct Measured {
     gaussians: f64,
     psnr_held_out: f64,
     ssim_held_out: f64,
+    lpips_held_out: Option<f64>,
     spread: Option<Spread>,
     psnr_closed_form: f64,
     psnr_paper: Option<f64>,
     ssim_paper: Option<f64>,
+    lpips_paper: Option<f64>,
 }
 
 /// What `--json` writes.
@@ -128,6 +132,8 @@ struct Measured {
 struct Record<'a, C> {
     recipe: &'a Recipe<C>,
     protocol: &'static str,
+    /// The network of LPIPS; the paper's is VGG16.
+    lpips_network: Option<&'static str>,
     rows: &'a [Measured],
     dropped: &'a [Dropped],
 }
@@ -146,6 +152,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut base = config(arguments.config.as_deref())?;
     base.steps = arguments.steps.unwrap_or(base.steps);
     output::check_folder(&arguments.output)?;
+    let lpips = arguments.lpips.read()?;
+    let lpips_network = lpips.as_ref().map(|lpips| lpips.network().name());
     let cases = arguments.data.cases(&arguments.data.plans()?)?;
     let mut sets = vec![("simulated", simulated(0, arguments.evaluation_scenes, SIMULATED_SIZE))];
     let mut dropped = Vec::new();
@@ -173,11 +181,11 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             run.complete(&mut trainer)?;
             let trained = Trained { row: &row, config, skipped: trainer.skipped(), weights: run.weights() };
             for (scenes, plans) in &sets {
-                rows.push(trained.measure(scenes, plans, arguments, common, &mut dropped)?);
+                rows.push(trained.measure(scenes, plans, arguments, lpips.as_ref(), common, &mut dropped)?);
             }
         }
     }
-    print(&table(&rows).to_text());
+    print(&table(&rows, lpips_network).to_text());
     let settings = Settings {
         what: arguments.what,
         training: &base,
@@ -187,7 +195,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     };
     let recipe = Recipe::of_this_run(base.seed, threads(), settings);
     if let Some(path) = &common.json {
-        let record = Record { recipe: &recipe, protocol: evaluate::PROTOCOL, rows: &rows, dropped: &dropped };
+        let protocol = evaluate::PROTOCOL;
+        let record = Record { recipe: &recipe, protocol, lpips_network, rows: &rows, dropped: &dropped };
         output::write_json(path, &record)?;
     }
     match dropped.iter().filter(|dropped| dropped.failed).count() {
@@ -214,6 +223,7 @@ impl Trained<'_> {
         scenes: &'static str,
         plans: &[Plan],
         arguments: &Arguments,
+        lpips: Option<&Lpips>,
         common: &Common,
         dropped: &mut Vec<Dropped>,
     ) -> Outcome<Measured> {
@@ -232,7 +242,7 @@ impl Trained<'_> {
             let cache = Some(GeometryCache { folder: arguments.data.cache.clone() });
             let method = Method { cache, ..Method::feed_forward(with(head)) };
             let mut running = String::new();
-            evaluate(plans, &method, &arguments.seeds, None, &mut rasterizer, &mut |event| match event {
+            evaluate(plans, &method, &arguments.seeds, lpips, &mut rasterizer, &mut |event| match event {
                 Event::Run { name, seed } => running = format!("{}: {name} (seed {seed})", self.row.name),
                 Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
                 Event::Done { .. } => progress.step(),
@@ -257,15 +267,18 @@ impl Trained<'_> {
             gaussians: learned.mean.figures.gaussians,
             psnr_held_out: learned.mean.figures.psnr_held_out,
             ssim_held_out: learned.mean.figures.ssim_held_out,
+            lpips_held_out: learned.mean.figures.lpips_held_out,
             spread: learned.mean.spread,
             psnr_closed_form: closed.mean.figures.psnr_held_out,
-            psnr_paper: self.row.paper.map(|(psnr, _)| psnr),
-            ssim_paper: self.row.paper.map(|(_, ssim)| ssim),
+            psnr_paper: self.row.paper.map(|[psnr, _, _]| psnr),
+            ssim_paper: self.row.paper.map(|[_, ssim, _]| ssim),
+            lpips_paper: self.row.paper.map(|[_, _, lpips]| lpips),
         })
     }
 }
 
-fn table(rows: &[Measured]) -> Table {
+fn table(rows: &[Measured], lpips_network: Option<&str>) -> Table {
+    let lpips = lpips_column(lpips_network);
     let head = [
         "row",
         "seed",
@@ -273,10 +286,12 @@ fn table(rows: &[Measured]) -> Table {
         "PSNR",
         "spread",
         "SSIM",
+        &lpips,
         "closed form",
         "skipped",
         "paper PSNR",
         "paper SSIM",
+        "paper LPIPS (vgg)",
     ];
     let mut table = Table::new(&head, 3);
     for row in rows {
@@ -292,10 +307,12 @@ fn table(rows: &[Measured]) -> Table {
                 .as_ref()
                 .map_or_else(|| "-".to_owned(), |spread| format!("{:.3}", spread.psnr_held_out)),
             format!("{:.3}", row.ssim_held_out),
+            row.lpips_held_out.map_or_else(|| "-".to_owned(), |lpips| format!("{lpips:.3}")),
             format!("{:.2}", row.psnr_closed_form),
             row.steps_skipped.to_string(),
             or_fail(row.psnr_paper, 2),
             or_fail(row.ssim_paper, 3),
+            or_fail(row.lpips_paper, 3),
         ]);
     }
     table

@@ -122,7 +122,7 @@ impl DepthSource {
 /// The weights of LPIPS.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct LpipsWeights {
-    /// Weights of LPIPS, which then is measured by `eval` and takes the place of 1 - SSIM in the loss of `train`: torchvision's VGG16
+    /// Weights of LPIPS, which then is measured by `eval`, `tradeoff`, `paper` and `ablate` and takes the place of 1 - SSIM in the loss of `train`: torchvision's VGG16
     /// (the papers'), AlexNet or SqueezeNet 1.1 and the metric's linear layers, as published (.pth) or as safetensors; two files, or
     /// one with both
     #[arg(long = "lpips-weights", value_name = "FILE", num_args = 1..=2)]
@@ -130,6 +130,11 @@ pub(crate) struct LpipsWeights {
 }
 
 impl LpipsWeights {
+    /// The files that are given.
+    pub(crate) fn files(&self) -> &[PathBuf] {
+        &self.files
+    }
+
     /// LPIPS, where weights are given.
     pub(crate) fn read(&self) -> Outcome<Option<Lpips>> {
         (!self.files.is_empty()).then(|| Lpips::read(&self.files)).transpose().or_input()
@@ -176,19 +181,6 @@ pub(crate) enum AllocationName {
     VoxelAligned,
 }
 
-impl From<AllocationName> for Allocation {
-    fn from(name: AllocationName) -> Self {
-        match name {
-            AllocationName::Entropy => Self::Entropy,
-            AllocationName::Laplacian => Self::Laplacian,
-            AllocationName::Random => Self::Random,
-            AllocationName::PixelAligned => Self::PixelAligned,
-            AllocationName::Merged => Self::Merged,
-            AllocationName::VoxelAligned => Self::VoxelAligned,
-        }
-    }
-}
-
 /// How pixels are drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SamplerName {
@@ -208,6 +200,25 @@ pub(crate) enum HeadName {
     /// DepthSplat's own, from the weights of its network: with --backbone depthsplat and --allocation pixel-aligned
     #[value(name = "depthsplat")]
     DepthSplat,
+}
+
+impl AllocationName {
+    /// What it stands for.
+    fn allocation(self) -> Allocation {
+        match self {
+            Self::Entropy => Allocation::Entropy,
+            Self::Laplacian => Allocation::Laplacian,
+            Self::Random => Allocation::Random,
+            Self::PixelAligned => Allocation::PixelAligned,
+            Self::Merged => Allocation::Merged,
+            Self::VoxelAligned => Allocation::VoxelAligned,
+        }
+    }
+
+    /// Every allocation there is.
+    pub(crate) fn all() -> Vec<Allocation> {
+        Self::value_variants().iter().map(|name| name.allocation()).collect()
+    }
 }
 
 impl Pipeline {
@@ -231,7 +242,7 @@ impl Pipeline {
                 Range::Estimate | Range::Hint => DepthRange::Estimate,
                 Range::Known(near, far) => DepthRange::Known { near, far },
             },
-            allocation: self.allocation.into(),
+            allocation: self.allocation.allocation(),
             sampler: match self.sampler {
                 SamplerName::Fixed => Sampler::Fixed,
                 SamplerName::Bernoulli => Sampler::Bernoulli,

@@ -13,12 +13,14 @@ mod doctor;
 mod eval;
 mod failure;
 mod output;
+mod paper;
 mod progress;
 mod reconstruct;
 mod render;
 mod simulate;
 mod source;
 mod summary;
+mod sweep;
 mod tradeoff;
 mod train;
 mod weights;
@@ -45,6 +47,7 @@ Start here:
   sparsesplat render scene.ply --cameras PHOTOS -o out     pictures of a scene
   sparsesplat eval --dataset nerfstudio --root PHOTOS      how good is it?
   sparsesplat tradeoff --quick --report tradeoff.html      what accuracy costs in time
+  sparsesplat paper main runtime                           the paper's tables, ours beside
   sparsesplat train -o run                                 a head of your own, from photographs or simulated scenes
   sparsesplat check-data PHOTOS                            is something wrong with the data?
 
@@ -57,6 +60,7 @@ enum Command {
     Render(render::Arguments),
     Eval(eval::Arguments),
     Tradeoff(tradeoff::Arguments),
+    Paper(paper::Arguments),
     Train(train::Arguments),
     Ablate(ablate::Arguments),
     Simulate(simulate::Arguments),
@@ -91,6 +95,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Render(arguments) => render::run(arguments, common),
         Command::Eval(arguments) => eval::run(arguments, common),
         Command::Tradeoff(arguments) => tradeoff::run(arguments, common),
+        Command::Paper(arguments) => paper::run(arguments, common),
         Command::Train(arguments) => train::run(arguments, common),
         Command::Ablate(arguments) => ablate::run(arguments, common),
         Command::Simulate(arguments) => simulate::run(arguments, common),

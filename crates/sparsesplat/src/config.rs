@@ -77,8 +77,9 @@ pub enum Allocation {
 }
 
 impl Allocation {
-    /// Whether all pixels are lifted into space, instead of those that a sampler chose.
-    pub(crate) fn takes_all(self) -> bool {
+    /// Whether all pixels are lifted into space, instead of those that a sampler chose; no seed changes anything then.
+    #[must_use]
+    pub fn takes_all(self) -> bool {
         match self {
             Self::Entropy | Self::Laplacian | Self::Random => false,
             Self::PixelAligned | Self::Merged | Self::VoxelAligned => true,

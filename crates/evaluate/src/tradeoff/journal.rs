@@ -26,6 +26,8 @@ pub struct Header {
     pub points: Vec<Label>,
     /// All seeds.
     pub seeds: Vec<u64>,
+    /// The network that LPIPS is measured with; none without weights.
+    pub lpips_network: Option<String>,
     /// What could not even be planned.
     pub dropped: Vec<Dropped>,
 }
@@ -174,7 +176,7 @@ impl Journal {
     /// Refuses to go on with a window whose views are others than those that were measured.
     pub(super) fn check_data(&self, window: &str, data_sha256: &str) -> Result<(), SweepError> {
         let of_window = self.entries.iter().find_map(|entry| match entry {
-            Entry::Measured(measured) if measured.window == window => Some(&measured.data_sha256),
+            Entry::Measured(measured) if measured.window == window => Some(&measured.views.data_sha256),
             _ => None,
         });
         match of_window.filter(|found| *found != data_sha256) {
@@ -280,7 +282,7 @@ impl Found {
         let (mut open, mut all) = (0, 0);
         for (_, window) in ours {
             for point in points {
-                for &seed in seeds {
+                for &seed in point.seeds(seeds) {
                     all += 1;
                     open += usize::from(
                         !whole.contains(window) && !behind.contains(&(window, seed, &point.point)),

@@ -1,11 +1,13 @@
 use super::*;
 use crate::figures::Seconds;
+use crate::tradeoff::measure::Views;
 use crate::tradeoff::sweep::Axis;
 use serde_json::json;
 use tempfile::tempdir;
 
 pub(crate) fn label(point: &str, axis: Axis, allocation: &str, base: bool) -> Label {
-    Label { point: point.to_owned(), axis, allocation: allocation.to_owned(), base }
+    let count = (allocation != "pixel-aligned").then_some(1000);
+    Label { point: point.to_owned(), axis, allocation: allocation.to_owned(), count, draws: true, base }
 }
 
 pub(crate) fn header(windows: &[&str], points: &[Label], seeds: &[u64]) -> Header {
@@ -17,8 +19,13 @@ pub(crate) fn header(windows: &[&str], points: &[Label], seeds: &[u64]) -> Heade
         windows: windows.iter().map(|&window| window.to_owned()).collect(),
         points: points.to_vec(),
         seeds: seeds.to_vec(),
+        lpips_network: None,
         dropped: Vec::new(),
     }
+}
+
+fn views() -> Views {
+    Views { context: vec![0, 2], targets: vec![1], size: (48, 32), data_sha256: "1234".to_owned() }
 }
 
 pub(crate) fn measured(window: &str, seed: u64, point: &str, gaussians: usize, psnr: f64) -> Measured {
@@ -31,12 +38,13 @@ pub(crate) fn measured(window: &str, seed: u64, point: &str, gaussians: usize, p
     };
     Measured {
         window: window.to_owned(),
-        data_sha256: "1234".to_owned(),
+        views: views(),
         seed,
         point: point.to_owned(),
         gaussians,
         psnr_held_out: Some(psnr).filter(|psnr| psnr.is_finite()),
         ssim_held_out: Some(0.1 + 0.2),
+        lpips_held_out: None,
         seconds,
         seconds_per_frame: Some(1e-7 * gaussians as f64),
         ply_bytes: 68 * gaussians as u64,

@@ -1,14 +1,14 @@
 //! One point on one window with one seed.
 
 use super::sweep::Point;
-use crate::figures::{Seconds, mean, median};
+use crate::figures::{Seconds, mean, median, optional_mean};
 use crate::recipe::{peak_rss_bytes, restart_peak_rss};
 use crate::render::{Rendered, render_as};
-use crate::window::{Stopwatch, compare};
+use crate::window::{Stopwatch, compare, lpips_of};
 use crate::{Error, Method, Result, Step, Window};
 use gs_raster::{Rasterizer, RenderSettings};
 use gs_scene::{Gaussians, write_ply};
-use image_metrics::{psnr, ssim};
+use image_metrics::{Lpips, psnr, ssim};
 use serde::{Deserialize, Serialize};
 use sparsesplat::{Config, Stage, ViewGeometry, Wanted, geometry, predict_from};
 use std::fs;
@@ -23,13 +23,39 @@ views of the time of one picture, its copy into memory included, after one that 
 (resident) while the point ran or the backbone before it, photographs, kept depth and earlier allocations included; memory of a GPU is \
 not in it. File: the PLY as it lies on disk, 32 bits per number.";
 
+/// The views of a window, as tables state them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Views {
+    /// Positions of the context views in the data set's list.
+    pub context: Vec<usize>,
+    /// Positions of the held-out targets.
+    pub targets: Vec<usize>,
+    /// Width and height of the first target, pixels; of the first context view without targets.
+    pub size: (usize, usize),
+    /// SHA-256 of the views: names, cameras, pictures.
+    pub data_sha256: String,
+}
+
+impl Views {
+    pub(super) fn of(window: &Window) -> Self {
+        let first = window.targets.first().or_else(|| window.context.first());
+        Self {
+            context: window.context_positions.clone(),
+            targets: window.target_positions.clone(),
+            size: first.map_or((0, 0), |view| (view.image().width(), view.image().height())),
+            data_sha256: window.sha256(),
+        }
+    }
+}
+
 /// What a point gave on a window with a seed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// `scene/window`.
     pub window: String,
-    /// SHA-256 of its views.
-    pub data_sha256: String,
+    /// Which views those are.
+    #[serde(flatten)]
+    pub views: Views,
     /// Seed of the sampling.
     pub seed: u64,
     /// Name of the point.
@@ -40,6 +66,8 @@ pub struct Measured {
     pub psnr_held_out: Option<f64>,
     /// Mean SSIM over the held-out targets; none without targets.
     pub ssim_held_out: Option<f64>,
+    /// Mean LPIPS over the held-out targets; none without targets or without weights.
+    pub lpips_held_out: Option<f64>,
     /// Wall time by stage, the window's backbone included.
     pub seconds: Seconds,
     /// Median time of rendering one target, seconds; none without targets.
@@ -74,17 +102,26 @@ impl Survey {
     }
 }
 
-/// Measures a point; `method` is the point's, with seed and depth range set. The scene is written to `scratch`, which is left there.
+/// What figures are taken with.
+pub(super) struct Instruments<'a> {
+    pub(super) rasterizer: &'a mut Rasterizer,
+    pub(super) lpips: Option<&'a Lpips>,
+    /// Scenes are written to this file, and the last is left there.
+    pub(super) scratch: &'a Path,
+}
+
+/// Measures a point; `method` is the point's, with seed and depth range set.
 pub(super) fn measure(
     window: &Window,
-    data_sha256: &str,
+    views: &Views,
     survey: &Survey,
     point: &Point,
     method: &Method,
-    rasterizer: &mut Rasterizer,
-    scratch: &Path,
+    instruments: &mut Instruments<'_>,
     on_step: &mut dyn FnMut(Step),
 ) -> Result<(Measured, Vec<Rendered>)> {
+    let Instruments { rasterizer, lpips, scratch } = instruments;
+    let (lpips, scratch) = (*lpips, *scratch);
     let counts = restart_peak_rss();
     let begin = Instant::now();
     let mut on_stage = |stage| on_step(Step::Predict(stage));
@@ -113,16 +150,19 @@ pub(super) fn measure(
         render_as(rasterizer, scene, first.camera(), settings)?;
     }
     let (mut renderings, mut frames) = (Vec::new(), Vec::new());
-    let (mut psnrs, mut ssims) = (Vec::new(), Vec::new());
     for target in &window.targets {
         let mut frame = Stopwatch::new();
-        let rendered = frame.time(|| render_as(rasterizer, scene, target.camera(), settings))?;
+        renderings.push(frame.time(|| render_as(rasterizer, scene, target.camera(), settings))?);
         frames.push(frame.seconds);
+    }
+    // Before the metrics, which are no part of the method.
+    let own_peak = peak_rss_bytes().filter(|_| counts);
+    let (mut psnrs, mut ssims, mut distances) = (Vec::new(), Vec::new(), Vec::new());
+    for (target, rendered) in window.targets.iter().zip(&renderings) {
         psnrs.push(compare(psnr, target, &rendered.image)?);
         ssims.push(compare(ssim, target, &rendered.image)?);
-        renderings.push(rendered);
+        distances.push(lpips_of(lpips, target, &rendered.image)?);
     }
-    let own_peak = peak_rss_bytes().filter(|_| counts);
     let render: f64 = frames.iter().sum();
     let total = window.load_seconds + survey.seconds + after_backbone + render;
     let seconds = Seconds::default().with_stages(&prediction.seconds);
@@ -138,12 +178,13 @@ pub(super) fn measure(
     let finite = |value: f64| Some(value).filter(|value| value.is_finite());
     let measured = Measured {
         window: window.name.clone(),
-        data_sha256: data_sha256.to_owned(),
+        views: views.clone(),
         seed: method.predict.seed,
         point: point.label.point.clone(),
         gaussians: prediction.counts.total,
         psnr_held_out: finite(mean(psnrs.into_iter())),
         ssim_held_out: finite(mean(ssims.into_iter())),
+        lpips_held_out: optional_mean(distances.into_iter()),
         seconds,
         seconds_per_frame: finite(median(frames.into_iter())),
         ply_bytes,

@@ -1,7 +1,7 @@
 //! A sweep as one page: words, plots, tables, pictures of every point under a slider. Nothing to fetch.
 
 use super::SweepError;
-use super::document::{points_table, share_table, statements, windows_in_words};
+use super::document::{SHARES, points_table, share_table, statements, windows_in_words};
 use super::pictures::Pictures;
 use super::plot::tradeoff_plots;
 use super::summary::{Row, Summary};
@@ -77,7 +77,7 @@ pub fn tradeoff_page(
         body.push_str("<h2>How many Gaussians for the quality of one per pixel</h2>\n");
         body.push_str(&table(
             &share_table(summary),
-            "The paper's share is that of its trained head on DL3DV.",
+            SHARES,
         ));
     }
     body.push_str("<h2>Every point</h2>\n");

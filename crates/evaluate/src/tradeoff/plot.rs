@@ -3,11 +3,11 @@
 use super::breakdown::breakdown;
 use super::front::pareto_front;
 use super::summary::{Row, Summary};
-use super::sweep::Axis;
 use crate::chart::{
-    COLOURS, Chart, Drawn, SIZE, axes, axes_of_counts, legend, line, marks, range, style, svg,
+    Area, COLOURS, Chart, Drawn, Names, SIZE, axes, axes_of_counts, beside, chart_on, legend, line, marks,
+    range, style, svg,
 };
-use plotters::coord::Shift;
+use crate::labels::place;
 use plotters::coord::ranged1d::Ranged;
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
@@ -58,49 +58,53 @@ fn steps(front: &[(f64, f64)]) -> Vec<(f64, f64)> {
     path
 }
 
-fn over_seconds(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) -> Drawn {
+fn over_seconds(area: &Area<'_>, summary: &Summary) -> Drawn {
     let seconds = |row: &Row| row.seconds_to_gaussians;
     let rivals = || shown(summary).filter(|row| row.label.axis.competes());
     let times = range(rivals().map(seconds), 0.08);
-    let mut chart =
-        ChartBuilder::on(area).margin(12).x_label_area_size(40).y_label_area_size(52).build_cartesian_2d(
-            times.start.max(0.0)..times.end,
-            range(rivals().map(|row| row.psnr_held_out), 0.08),
-        )?;
+    let (area, side) = beside(area);
+    let qualities = range(rivals().map(|row| row.psnr_held_out), 0.08);
+    let mut chart = chart_on(&area).build_cartesian_2d(times.start.max(0.0)..times.end, qualities)?;
+    let mut names = Names::new();
     axes(&mut chart, "seconds from photographs to Gaussians", PSNR)?;
     let front = front_of_seconds(summary);
-    line(&mut chart, "nothing is better and faster", &steps(&front), style(FRONT, 1), 0)?;
-    curves(&mut chart, summary, seconds)?;
-    others(&mut chart, summary, seconds)?;
+    line(&mut chart, &mut names, "nothing is better and faster", &steps(&front), style(FRONT, 1), 0)?;
+    curves(&mut chart, &mut names, summary, seconds)?;
     rings(&mut chart, &front)?;
-    legend(&mut chart, SeriesLabelPosition::UpperLeft)
+    others(&mut chart, summary, seconds)?;
+    legend(&side, &names)
 }
 
-fn after_backbone(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) -> Drawn {
+fn after_backbone(area: &Area<'_>, summary: &Summary) -> Drawn {
     let seconds = |row: &Row| row.seconds_to_gaussians - row.seconds.backbone - row.seconds.load;
     let rivals = || shown(summary).filter(|row| row.label.axis.competes());
+    let (area, side) = beside(area);
+    let qualities = range(rivals().map(|row| row.psnr_held_out), 0.08);
     let mut chart =
-        ChartBuilder::on(area).margin(12).x_label_area_size(40).y_label_area_size(52).build_cartesian_2d(
-            0.0..range(rivals().map(seconds), 0.12).end,
-            range(rivals().map(|row| row.psnr_held_out), 0.08),
-        )?;
+        chart_on(&area).build_cartesian_2d(0.0..range(rivals().map(seconds), 0.08).end, qualities)?;
+    let mut names = Names::new();
     axes(&mut chart, "seconds after loading and the backbone", PSNR)?;
-    curves(&mut chart, summary, seconds)?;
+    curves(&mut chart, &mut names, summary, seconds)?;
     others(&mut chart, summary, seconds)?;
-    legend(&mut chart, SeriesLabelPosition::LowerRight)
+    legend(&side, &names)
 }
 
 const PSNR: &str = "PSNR of held-out views, dB";
 
 /// A line per allocation, PSNR over a cost.
-fn curves<X, Y>(chart: &mut Chart<'_, '_, X, Y>, summary: &Summary, cost: fn(&Row) -> f64) -> Drawn
+fn curves<X, Y>(
+    chart: &mut Chart<'_, '_, X, Y>,
+    names: &mut Names,
+    summary: &Summary,
+    cost: fn(&Row) -> f64,
+) -> Drawn
 where
     X: Ranged<ValueType = f64>,
     Y: Ranged<ValueType = f64>,
 {
     for (i, (name, rows)) in summary.curves().iter().enumerate() {
         let points: Vec<(f64, f64)> = rows.iter().map(|row| (cost(row), row.psnr_held_out)).collect();
-        line(chart, name, &points, style(COLOURS[i % COLOURS.len()], if i == 0 { 3 } else { 2 }), 3)?;
+        line(chart, names, name, &points, style(COLOURS[i % COLOURS.len()], if i == 0 { 3 } else { 2 }), 3)?;
     }
     Ok(())
 }
@@ -114,12 +118,25 @@ where
     let curves = summary.curves();
     let is_other =
         |row: &&Row| row.label.axis.competes() && !curves.iter().any(|(_, rows)| rows.contains(row));
-    for row in shown(summary).filter(is_other) {
-        let at = (cost(row), row.psnr_held_out);
-        marks(chart, &[at], style(COLOURS[6], 1), 3)?;
-        let font = ("sans-serif", 12).into_font().color(&COLOURS[6]).pos(Pos::new(HPos::Left, VPos::Bottom));
-        let text = EmptyElement::at(at) + Text::new(row.label.point.clone(), (6, -4), font);
+    let others: Vec<&Row> = shown(summary).filter(is_other).collect();
+    let at = |row: &Row| (cost(row), row.psnr_held_out);
+    let pixel = |row: &Row| chart.backend_coord(&at(row));
+    let names: Vec<(&str, (i32, i32))> =
+        others.iter().map(|row| (row.label.point.as_str(), pixel(row))).collect();
+    let alone = others.iter().map(|row| vec![pixel(row)]);
+    let lines = curves.iter().map(|(_, rows)| rows.iter().map(|row| pixel(row)).collect());
+    let lines: Vec<Vec<(i32, i32)>> = alone.chain(lines).collect();
+    let (columns, rows) = chart.plotting_area().get_pixel_range();
+    let places = place(&names, &lines, [columns.start, rows.start, columns.end, rows.end]);
+    for (row, place) in others.into_iter().zip(places) {
+        marks(chart, &[at(row)], style(COLOURS[6], 1), 3)?;
+        let font = ("sans-serif", 12).into_font().color(&COLOURS[6]).pos(Pos::new(HPos::Left, VPos::Top));
+        let text = EmptyElement::at(at(row)) + Text::new(row.label.point.clone(), place.corner, font);
         chart.draw_series(std::iter::once(text))?;
+        if let Some(end) = place.leader {
+            let leader = EmptyElement::at(at(row)) + PathElement::new([(0, 0), end], style(COLOURS[6], 1));
+            chart.draw_series(std::iter::once(leader))?;
+        }
     }
     Ok(())
 }
@@ -130,52 +147,48 @@ fn logarithmic(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
     10f64.powf(around.start)..10f64.powf(around.end)
 }
 
-fn over_gaussians(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) -> Drawn {
+fn over_gaussians(area: &Area<'_>, summary: &Summary) -> Drawn {
     let count = |row: &Row| row.gaussians;
-    let rows = || shown(summary).filter(|row| matches!(row.label.axis, Axis::Budget | Axis::Allocation));
+    let rows = || shown(summary).filter(|row| row.label.is_of_counts());
+    let (area, side) = beside(area);
+    let qualities = range(rows().map(|row| row.psnr_held_out), 0.08);
     let mut chart =
-        ChartBuilder::on(area).margin(12).x_label_area_size(40).y_label_area_size(52).build_cartesian_2d(
-            logarithmic(rows().map(count)).log_scale(),
-            range(rows().map(|row| row.psnr_held_out), 0.08),
-        )?;
+        chart_on(&area).build_cartesian_2d(logarithmic(rows().map(count)).log_scale(), qualities)?;
+    let mut names = Names::new();
     axes_of_counts(&mut chart, "Gaussians", PSNR)?;
-    curves(&mut chart, summary, count)?;
+    curves(&mut chart, &mut names, summary, count)?;
     if let Some(aligned) = summary.pixel_aligned().filter(|row| row.psnr_held_out.is_finite()) {
         let (low, high) = (rows().map(count).fold(f64::INFINITY, f64::min), aligned.gaussians);
         let level = [(low, aligned.psnr_held_out), (high, aligned.psnr_held_out)];
         let dashes = DashedPathElement::new(level, 6, 5, style(COLOURS[6], 1));
-        let key = style(COLOURS[6], 1);
-        chart
-            .draw_series(std::iter::once(dashes))?
-            .label("pixel-aligned")
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], key));
+        chart.draw_series(std::iter::once(dashes))?;
+        names.push(("pixel-aligned".to_owned(), style(COLOURS[6], 1)));
         marks(&mut chart, &level[1..], style(COLOURS[6], 1), 5)?;
     }
     // Of what is drawn: refined points, which would beat most of it, are not.
     let drawn: Vec<(f64, f64)> = rows().map(|row| (count(row), row.psnr_held_out)).collect();
     let front: Vec<(f64, f64)> = pareto_front(&drawn).into_iter().map(|i| drawn[i]).collect();
     rings(&mut chart, &front)?;
-    legend(&mut chart, SeriesLabelPosition::LowerRight)
+    legend(&side, &names)
 }
 
-fn frames(area: &DrawingArea<SVGBackend<'_>, Shift>, summary: &Summary) -> Drawn {
+fn frames(area: &Area<'_>, summary: &Summary) -> Drawn {
     let rate = |row: &Row| row.frames_per_second;
-    let rows = || shown(summary).filter(|row| matches!(row.label.axis, Axis::Budget | Axis::Allocation));
-    let mut chart =
-        ChartBuilder::on(area).margin(12).x_label_area_size(40).y_label_area_size(60).build_cartesian_2d(
-            logarithmic(rows().map(|row| row.gaussians)).log_scale(),
-            0.0..range(rows().map(rate), 0.1).end,
-        )?;
+    let rows = || shown(summary).filter(|row| row.label.is_of_counts());
+    let (area, side) = beside(area);
+    let counts = logarithmic(rows().map(|row| row.gaussians)).log_scale();
+    let mut chart = chart_on(&area).build_cartesian_2d(counts, 0.0..range(rows().map(rate), 0.1).end)?;
+    let mut names = Names::new();
     axes_of_counts(&mut chart, "Gaussians", "frames per second")?;
     for (i, (name, rows)) in summary.curves().iter().enumerate() {
         let points: Vec<(f64, f64)> = rows.iter().map(|row| (row.gaussians, rate(row))).collect();
-        line(&mut chart, name, &points, style(COLOURS[i % COLOURS.len()], 2), 3)?;
+        line(&mut chart, &mut names, name, &points, style(COLOURS[i % COLOURS.len()], 2), 3)?;
     }
     if let Some(aligned) = summary.pixel_aligned() {
         let at = [(aligned.gaussians, rate(aligned))];
-        line(&mut chart, "pixel-aligned", &at, style(COLOURS[6], 1), 5)?;
+        line(&mut chart, &mut names, "pixel-aligned", &at, style(COLOURS[6], 1), 5)?;
     }
-    legend(&mut chart, SeriesLabelPosition::UpperRight)
+    legend(&side, &names)
 }
 
 /// Rings around the points of a front.

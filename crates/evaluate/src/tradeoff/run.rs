@@ -2,18 +2,19 @@
 
 use super::SweepError;
 use super::journal::{Entry, Failed, Journal};
-use super::measure::{Measured, Survey, measure};
+use super::measure::{Instruments, Measured, Survey, Views, measure};
 use super::pictures::Pictures;
 use super::shard::Shard;
 use super::sweep::Point;
 use crate::render::Rendered;
 use crate::{Dropped, Method, Plan, Result, Step, Window};
 use gs_raster::Rasterizer;
+use image_metrics::Lpips;
 use sparsesplat::{Backbone, Config, Wanted, wanted};
 use std::path::Path;
 
 /// What is swept over what.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct Sweep<'a> {
     /// All windows, those of other shards too.
     pub plans: &'a [Plan],
@@ -21,8 +22,10 @@ pub struct Sweep<'a> {
     pub shard: Shard,
     /// The points.
     pub points: &'a [Point],
-    /// The seeds, each point runs with all.
+    /// The seeds; a point runs with all that change anything.
     pub seeds: &'a [u64],
+    /// Measures LPIPS, where there are weights for it.
+    pub lpips: Option<&'a Lpips>,
 }
 
 /// What happens during a sweep.
@@ -47,10 +50,15 @@ pub enum Progress<'a> {
 }
 
 impl Sweep<'_> {
-    /// Points times seeds times windows of this shard.
+    /// Points with their seeds times windows of this shard.
     #[must_use]
     pub fn runs(&self) -> usize {
-        self.ours().count() * self.points.len() * self.seeds.len()
+        self.ours().count() * self.runs_of(self.points)
+    }
+
+    /// Runs of some points on one window.
+    fn runs_of<'p>(&self, points: impl IntoIterator<Item = &'p Point>) -> usize {
+        points.into_iter().map(|point| point.label.seeds(self.seeds).len()).sum()
     }
 
     fn ours(&self) -> impl Iterator<Item = (usize, &Plan)> {
@@ -74,9 +82,11 @@ impl Sweep<'_> {
         on_progress: &mut dyn FnMut(Progress<'_>),
     ) -> Result<(), SweepError> {
         assert!(!self.seeds.is_empty(), "a sweep needs at least one seed");
+        let mut instruments = Instruments { rasterizer, lpips: self.lpips, scratch };
         for (position, plan) in self.ours() {
             let is_open = |point: &Point| {
-                self.seeds.iter().any(|&seed| !journal.has(plan.name(), seed, &point.label.point))
+                let seeds = point.label.seeds(self.seeds);
+                seeds.iter().any(|&seed| !journal.has(plan.name(), seed, &point.label.point))
             };
             let open: Vec<&Point> = self.points.iter().filter(|point| is_open(point)).collect();
             if open.is_empty() {
@@ -89,26 +99,26 @@ impl Sweep<'_> {
             });
             on_progress(Progress::Step(Step::Load));
             let mut on_step = |step| on_progress(Progress::Step(step));
-            let mut views = match Views::load(plan, open[0], &mut on_step) {
-                Ok(views) => views,
+            let mut loaded = match Loaded::of(plan, open[0], &mut on_step) {
+                Ok(loaded) => loaded,
                 Err(error) => {
                     let failed = Failed { point: None, ..Failed::new(plan.name(), &error) };
-                    give_up(journal, failed, open.len() * self.seeds.len(), on_progress)?;
+                    give_up(journal, failed, self.runs_of(open), on_progress)?;
                     continue;
                 }
             };
-            journal.check_data(plan.name(), &views.data_sha256)?;
+            journal.check_data(plan.name(), &loaded.views.data_sha256)?;
             for point in open {
-                for (i, &seed) in self.seeds.iter().enumerate() {
+                for (i, &seed) in point.label.seeds(self.seeds).iter().enumerate() {
                     if journal.has(plan.name(), seed, &point.label.point) {
                         continue;
                     }
                     on_progress(Progress::Point { window: plan.name(), point: &point.label.point, seed });
                     let mut on_step = |step| on_progress(Progress::Step(step));
-                    let measured = views.measure(plan, point, seed, rasterizer, scratch, &mut on_step);
+                    let measured = loaded.measure(plan, point, seed, &mut instruments, &mut on_step);
                     let kept = measured.and_then(|(measured, renderings)| {
                         if i == 0 {
-                            pictures.keep(position, &views.whole, &point.label.point, &renderings)?;
+                            pictures.keep(position, &loaded.whole, &point.label.point, &renderings)?;
                         }
                         Ok(measured)
                     });
@@ -150,22 +160,22 @@ impl Failed {
 }
 
 /// A window with what the backbone says of it, at every size that points ask for.
-struct Views {
+struct Loaded {
     whole: Window,
     /// Of the whole window, whatever size a point asks for.
-    data_sha256: String,
+    views: Views,
     smaller: Vec<(usize, Window)>,
     surveys: Vec<((usize, Backbone, Wanted), Survey)>,
 }
 
-impl Views {
+impl Loaded {
     /// The window, and its survey for the point that comes first: without it there is none for most others.
-    fn load(plan: &Plan, first: &Point, on_step: &mut dyn FnMut(Step)) -> Result<Self> {
+    fn of(plan: &Plan, first: &Point, on_step: &mut dyn FnMut(Step)) -> Result<Self> {
         let whole = plan.load(true)?;
-        let data_sha256 = whole.sha256();
-        let mut views = Self { whole, data_sha256, smaller: Vec::new(), surveys: Vec::new() };
-        views.survey(plan, first, on_step)?;
-        Ok(views)
+        let views = Views::of(&whole);
+        let mut loaded = Self { whole, views, smaller: Vec::new(), surveys: Vec::new() };
+        loaded.survey(plan, first, on_step)?;
+        Ok(loaded)
     }
 
     /// The method of a point on this window.
@@ -202,15 +212,14 @@ impl Views {
         plan: &Plan,
         point: &Point,
         seed: u64,
-        rasterizer: &mut Rasterizer,
-        scratch: &Path,
+        instruments: &mut Instruments<'_>,
         on_step: &mut dyn FnMut(Step),
     ) -> Result<(Measured, Vec<Rendered>)> {
         let survey = self.survey(plan, point, on_step)?;
         let method = Self::method(plan, point, seed);
         let window = self.window(point.shrink);
         let survey = &self.surveys[survey].1;
-        measure(window, &self.data_sha256, survey, point, &method, rasterizer, scratch, on_step)
+        measure(window, &self.views, survey, point, &method, instruments, on_step)
     }
 
     /// Loads the context views in a smaller size, unless they are there; targets stay as they are.

@@ -2,7 +2,7 @@
 
 use super::front::{Knee, knee, pareto_front};
 use super::journal::{Entry, Failed, Header};
-use super::measure::{MEASURED_AS, Measured};
+use super::measure::{MEASURED_AS, Measured, Views};
 use super::share::{Reached, reaches};
 use super::sweep::{Axis, Label};
 use crate::figures::{Dropped, Seconds, Spread, deviation, mean, median};
@@ -22,6 +22,8 @@ pub struct Row {
     pub psnr_held_out: f64,
     /// SSIM of held-out targets.
     pub ssim_held_out: f64,
+    /// LPIPS of held-out targets, by [`Summary::lpips_network`]; none without its weights.
+    pub lpips_held_out: Option<f64>,
     /// Spread over the seeds, where there are several.
     pub spread: Option<Spread>,
     /// Wall time by stage: medians over seeds.
@@ -38,6 +40,8 @@ pub struct Row {
     pub on_front_of_seconds: bool,
     /// Whether no rival has more quality with fewer Gaussians.
     pub on_front_of_gaussians: bool,
+    /// Whether it is on one of these fronts.
+    pub pareto: bool,
     /// Why there are no figures.
     pub failed: Option<String>,
 }
@@ -45,8 +49,10 @@ pub struct Row {
 /// How many Gaussians an allocation needs for what one per pixel gives.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Share {
-    /// The allocation.
-    pub allocation: String,
+    /// The curve: its allocation, and its head where that is not the base's.
+    pub curve: String,
+    /// The pixel-aligned PSNR with the same head, dB.
+    pub aligned: f64,
     /// Where it reaches the pixel-aligned PSNR.
     #[serde(flatten)]
     pub reached: Reached,
@@ -68,11 +74,16 @@ pub struct Summary {
     pub measured_as: &'static str,
     /// Windows that are in the means.
     pub windows: Vec<String>,
+    /// The views of these.
+    pub views: Vec<Views>,
+    /// The network that LPIPS compares features of; none without weights: LPIPS was not measured.
+    pub lpips_network: Option<String>,
     /// SHA-256 of the windows' own, in their order: equal for equal data.
     pub data_sha256: String,
     /// Seeds.
     pub seeds: Vec<u64>,
     /// One row per point.
+    #[serde(rename = "rows")]
     pub points: Vec<Row>,
     /// Where quality over seconds bends, along the budget.
     pub knee_of_seconds: Option<Knee>,
@@ -103,11 +114,16 @@ impl Summary {
         let by_gaussians = front(&points, Axis::competes, gaussians);
         by_seconds.iter().for_each(|&i| points[i].on_front_of_seconds = true);
         by_gaussians.iter().for_each(|&i| points[i].on_front_of_gaussians = true);
+        points.iter_mut().for_each(|row| row.pareto = row.on_front_of_seconds || row.on_front_of_gaussians);
+        let views: Vec<Views> =
+            found.windows.iter().filter_map(|window| found.views(window)).cloned().collect();
         Self {
             protocol: crate::PROTOCOL,
             measured_as: MEASURED_AS,
             windows: found.windows.iter().map(|&window| window.to_owned()).collect(),
-            data_sha256: hash::of_all(found.windows.iter().filter_map(|window| found.data_sha256(window))),
+            data_sha256: hash::of_all(views.iter().map(|views| views.data_sha256.as_str())),
+            views,
+            lpips_network: header.lpips_network.clone(),
             seeds: header.seeds.clone(),
             knee_of_seconds: knee_of(&points, seconds),
             knee_of_gaussians: knee_of(&points, gaussians),
@@ -120,12 +136,25 @@ impl Summary {
     /// The point with one Gaussian per pixel, if it has figures.
     #[must_use]
     pub fn pixel_aligned(&self) -> Option<&Row> {
-        pixel_aligned(&self.points)
+        pixel_aligned(&self.points, Axis::Budget)
     }
 
-    /// Allocations with a count, and their points in order of the count; the base's first.
+    /// The point of an allocation with a count, or without one where there is one Gaussian per pixel; with the base's head.
     #[must_use]
-    pub fn curves(&self) -> Vec<(&str, Vec<&Row>)> {
+    pub fn by_count(&self, allocation: &str, count: Option<usize>) -> Option<&Row> {
+        let is_it = |row: &&Row| {
+            let label = &row.label;
+            label.is_of_counts()
+                && label.axis != Axis::Head
+                && label.allocation == allocation
+                && label.count == count
+        };
+        self.points.iter().filter(|row| row.failed.is_none()).find(is_it)
+    }
+
+    /// Curves over the count by name, their points in order of the count; the base's first.
+    #[must_use]
+    pub fn curves(&self) -> Vec<(String, Vec<&Row>)> {
         curves(&self.points)
     }
 
@@ -138,21 +167,20 @@ impl Summary {
 
 const PIXEL_ALIGNED: &str = "pixel-aligned";
 
-fn pixel_aligned(points: &[Row]) -> Option<&Row> {
-    points.iter().find(|row| row.label.point == PIXEL_ALIGNED && row.failed.is_none())
+/// One per pixel, with the head of an axis.
+fn pixel_aligned(points: &[Row], axis: Axis) -> Option<&Row> {
+    points
+        .iter()
+        .find(|row| row.label.allocation == PIXEL_ALIGNED && row.label.axis == axis && row.failed.is_none())
 }
 
-fn curves(points: &[Row]) -> Vec<(&str, Vec<&Row>)> {
-    let is_of_curve = |row: &&Row| {
-        matches!(row.label.axis, Axis::Budget | Axis::Allocation)
-            && row.label.allocation != PIXEL_ALIGNED
-            && row.failed.is_none()
-    };
-    let mut curves: Vec<(&str, Vec<&Row>)> = Vec::new();
-    for row in points.iter().filter(is_of_curve) {
-        match curves.iter_mut().find(|(name, _)| *name == row.label.allocation) {
+fn curves(points: &[Row]) -> Vec<(String, Vec<&Row>)> {
+    let mut curves: Vec<(String, Vec<&Row>)> = Vec::new();
+    for row in points.iter().filter(|row| row.failed.is_none()) {
+        let Some(curve) = row.label.curve() else { continue };
+        match curves.iter_mut().find(|(name, _)| *name == curve) {
             Some((_, rows)) => rows.push(row),
-            None => curves.push((&row.label.allocation, vec![row])),
+            None => curves.push((curve, vec![row])),
         }
     }
     curves.iter_mut().for_each(|(_, rows)| rows.sort_by(|a, b| a.gaussians.total_cmp(&b.gaussians)));
@@ -184,18 +212,20 @@ fn knee_of(points: &[Row], cost: fn(&Row) -> f64) -> Option<Knee> {
 }
 
 fn shares(points: &[Row]) -> Vec<Share> {
-    let Some(aligned) = pixel_aligned(points) else { return Vec::new() };
-    let of = |(allocation, rows): (&str, Vec<&Row>)| {
+    let of = |(name, rows): (String, Vec<&Row>)| {
+        // With the same head: else heads would be compared, not allocations.
+        let axis = if rows[0].label.axis == Axis::Head { Axis::Head } else { Axis::Budget };
+        let aligned = pixel_aligned(points, axis)?;
         let curve: Vec<(f64, f64)> = rows.iter().map(|row| (row.gaussians, row.psnr_held_out)).collect();
         let reached = reaches(&curve, aligned.psnr_held_out);
         let share = match reached {
             Reached::At { gaussians } | Reached::AtOnce { gaussians } => Some(gaussians / aligned.gaussians),
             Reached::Never => None,
         };
-        let paper = (allocation == PAPER_SHARE.0).then_some(PAPER_SHARE.1);
-        Share { allocation: allocation.to_owned(), reached, share, paper }
+        let paper = (name == PAPER_SHARE.0).then_some(PAPER_SHARE.1);
+        Some(Share { curve: name, aligned: aligned.psnr_held_out, reached, share, paper })
     };
-    curves(points).into_iter().map(of).collect()
+    curves(points).into_iter().filter_map(of).collect()
 }
 
 /// Entries by window, point and seed.
@@ -243,15 +273,16 @@ impl<'a> Entries<'a> {
         self.measured.iter().rfind(is_it).copied()
     }
 
-    fn data_sha256(&self, window: &str) -> Option<&'a str> {
-        self.measured.iter().find(|entry| entry.window == window).map(|entry| entry.data_sha256.as_str())
+    fn views(&self, window: &str) -> Option<&'a Views> {
+        self.measured.iter().find(|entry| entry.window == window).map(|entry| &entry.views)
     }
 
     fn row(&self, label: &Label) -> Row {
+        let seeds = label.seeds(self.seeds);
         let runs: Vec<Vec<Option<&Measured>>> = self
             .windows
             .iter()
-            .map(|window| self.seeds.iter().map(|&seed| self.find(window, &label.point, seed)).collect())
+            .map(|window| seeds.iter().map(|&seed| self.find(window, &label.point, seed)).collect())
             .collect();
         let complete: Option<Vec<Vec<&Measured>>> =
             runs.into_iter().map(|seeds| seeds.into_iter().collect()).collect();
@@ -274,12 +305,13 @@ impl<'a> Entries<'a> {
         };
         let per_seed = |of: fn(&Measured) -> Option<f64>| -> Vec<f64> {
             let of_seed = |i: usize| over_scenes(&|runs| of(runs[i]).unwrap_or(f64::NAN));
-            (0..self.seeds.len()).map(of_seed).collect()
+            (0..seeds.len()).map(of_seed).collect()
         };
         let seconds = |of: &dyn Fn(&Seconds) -> f64| {
             over_scenes(&|runs| median(runs.iter().map(|run| of(&run.seconds))))
         };
         let (psnrs, ssims) = (per_seed(|run| run.psnr_held_out), per_seed(|run| run.ssim_held_out));
+        let lpips = mean(per_seed(|run| run.lpips_held_out).into_iter());
         let spread = deviation(&psnrs)
             .zip(deviation(&ssims))
             .map(|(psnr_held_out, ssim_held_out)| Spread { psnr_held_out, ssim_held_out });
@@ -289,6 +321,7 @@ impl<'a> Entries<'a> {
             gaussians: mean(per_seed(|run| Some(run.gaussians as f64)).into_iter()),
             psnr_held_out: mean(psnrs.into_iter()),
             ssim_held_out: mean(ssims.into_iter()),
+            lpips_held_out: Some(lpips).filter(|lpips| lpips.is_finite()),
             spread,
             seconds: Seconds::of_each(|of| seconds(&of)),
             seconds_to_gaussians: seconds(&Seconds::to_gaussians),
@@ -297,6 +330,7 @@ impl<'a> Entries<'a> {
             peak_rss_bytes: runs.iter().flatten().filter_map(|run| run.peak_rss_bytes).max(),
             on_front_of_seconds: false,
             on_front_of_gaussians: false,
+            pareto: false,
             failed,
         }
     }

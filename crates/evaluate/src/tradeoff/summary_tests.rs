@@ -9,7 +9,7 @@ pub(crate) fn summary(psnrs: &[f64], aligned: f64) -> Summary {
         let n = 1000 * 10usize.pow(i as u32);
         let name = format!("entropy-{}k", n / 1000);
         entries.push(Entry::Measured(measured("a/0", 0, &name, n, psnr)));
-        labels.push(label(&name, Axis::Budget, "entropy", i == 0));
+        labels.push(Label { count: Some(n), ..label(&name, Axis::Budget, "entropy", i == 0) });
     }
     labels.push(label("pixel-aligned", Axis::Budget, "pixel-aligned", false));
     entries.push(Entry::Measured(measured("a/0", 0, "pixel-aligned", 1_000_000, aligned)));

@@ -79,8 +79,35 @@ pub struct Label {
     pub axis: Axis,
     /// Which pixels become Gaussians, as `--allocation` calls it.
     pub allocation: String,
+    /// The count that is asked for; none where there is one per pixel.
+    pub count: Option<usize>,
+    /// Whether the seed changes anything: without, one seed is measured.
+    pub draws: bool,
     /// Whether it is what the other axes start from.
     pub base: bool,
+}
+
+impl Label {
+    /// Whether it is a point of quality over the number of Gaussians: by an allocation, with the base's head or in closed form.
+    #[must_use]
+    pub fn is_of_counts(&self) -> bool {
+        matches!(self.axis, Axis::Budget | Axis::Allocation | Axis::Head)
+    }
+
+    /// The curve over the count that the point belongs to.
+    #[must_use]
+    pub fn curve(&self) -> Option<String> {
+        self.count.filter(|_| self.is_of_counts()).map(|_| match self.axis {
+            Axis::Head => format!("{}, closed form", self.allocation),
+            _ => self.allocation.clone(),
+        })
+    }
+
+    /// Those of a sweep's seeds that the point is measured with.
+    #[must_use]
+    pub fn seeds<'a>(&self, all: &'a [u64]) -> &'a [u64] {
+        if self.draws { all } else { &all[..all.len().min(1)] }
+    }
 }
 
 /// One point of a sweep.
@@ -105,13 +132,24 @@ pub enum Extent {
     Quick,
     /// All points.
     Full,
+    /// What the paper's tables are made of: its counts, by every allocation.
+    Paper,
 }
 
 impl Extent {
     fn budgets(self) -> &'static [usize] {
         match self {
             Self::Quick => &[2_000, 10_000, 40_000, 150_000],
-            Self::Full => &[1_000, 2_000, 5_000, 10_000, 20_000, 40_000, 80_000, 150_000],
+            Self::Full => &[1_000, 2_000, 5_000, 10_000, 20_000, 40_000, 100_000, 150_000],
+            Self::Paper => &PAPER_COUNTS,
+        }
+    }
+
+    /// Counts of an allocation that is compared with the base's. Merging makes one Gaussian per pixel first, at every count.
+    fn rival_budgets(self, allocation: Allocation) -> &'static [usize] {
+        match (self, allocation) {
+            (Self::Quick, Allocation::Merged) => &[10_000],
+            _ => self.budgets(),
         }
     }
 
@@ -119,6 +157,7 @@ impl Extent {
         match self {
             Self::Quick => &[5, 20],
             Self::Full => &[0, 5, 10, 20, 30],
+            Self::Paper => &[],
         }
     }
 
@@ -126,6 +165,7 @@ impl Extent {
         match self {
             Self::Quick => &[10],
             Self::Full => &[15, 60],
+            Self::Paper => &[],
         }
     }
 
@@ -140,9 +180,13 @@ impl Extent {
         match self {
             Self::Quick => &ALL[..2],
             Self::Full => &ALL,
+            Self::Paper => &[],
         }
     }
 }
+
+/// The counts of the paper's tables.
+pub(super) const PAPER_COUNTS: [usize; 4] = [10_000, 40_000, 100_000, 150_000];
 
 /// The points of a sweep from `base`, which has a count as its budget. `allocations` are compared with each other at several
 /// budgets; one that is pixel-aligned has none and is one point. `learned` says whether the base's head is, `measured_depth` whether
@@ -158,40 +202,43 @@ pub fn points(
     let mut all = Points { base, all: Vec::new() };
     let config = &base.predict;
     let base_budget = if let Budget::Gaussians(n) = config.budget { n } else { 0 };
-    let mut budgets = extent.budgets().to_vec();
-    if base_budget > 0 && !budgets.contains(&base_budget) {
-        budgets.push(base_budget);
-        budgets.sort_unstable();
-    }
-    let ours = name_of(config.allocation);
+    let with_base = |budgets: &[usize]| {
+        let mut budgets = budgets.to_vec();
+        if base_budget > 0 && !budgets.contains(&base_budget) {
+            budgets.push(base_budget);
+            budgets.sort_unstable();
+        }
+        budgets
+    };
+    let budgets = with_base(extent.budgets());
+    let ours = config.allocation;
     for &n in &budgets {
-        let name = format!("{ours}-{}", short(n));
-        all.add(Axis::Budget, &name, n == base_budget, |point| {
-            point.method.predict.budget = Budget::Gaussians(n);
-        });
+        all.count(Axis::Budget, &name_of(ours), ours, n, |_| {});
     }
-    all.add(Axis::Budget, &name_of(Allocation::PixelAligned), false, |point| {
+    all.add(Axis::Budget, &name_of(Allocation::PixelAligned), |point| {
         point.method.predict.allocation = Allocation::PixelAligned;
     });
-    let rivals = |of: &&Allocation| **of != config.allocation && **of != Allocation::PixelAligned;
-    for &allocation in allocations.iter().filter(rivals) {
-        for &n in &budgets {
-            all.add(Axis::Allocation, &format!("{}-{}", name_of(allocation), short(n)), false, |point| {
-                point.method.predict.allocation = allocation;
-                point.method.predict.budget = Budget::Gaussians(n);
-            });
+    let is_rival = |of: &&Allocation| **of != ours && **of != Allocation::PixelAligned;
+    for &allocation in allocations.iter().filter(is_rival) {
+        for n in with_base(extent.rival_budgets(allocation)) {
+            all.count(Axis::Allocation, &name_of(allocation), allocation, n, |_| {});
         }
+    }
+    if extent == Extent::Paper {
+        return all.all;
     }
     for &k in extent.neighbours().iter().filter(|&&k| k != config.neighbours) {
         all.vary(Axis::Neighbours, &format!("K={k}"), |config| config.neighbours = k);
     }
     if learned {
+        let closed_form = |config: &mut Config| config.head = Head::ClosedForm;
         for &n in &budgets {
-            all.add(Axis::Head, &format!("closed-form-{}", short(n)), false, |point| {
-                point.method.predict.head = Head::ClosedForm;
-                point.method.predict.budget = Budget::Gaussians(n);
-            });
+            all.count(Axis::Head, "closed-form", ours, n, closed_form);
         }
+        all.vary(Axis::Head, &format!("closed-form-{}", name_of(Allocation::PixelAligned)), |config| {
+            config.allocation = Allocation::PixelAligned;
+            closed_form(config);
+        });
     }
     let (sampler, name) = match config.sampler {
         Sampler::Fixed => (Sampler::Bernoulli, "bernoulli"),
@@ -200,19 +247,19 @@ pub fn points(
     all.vary(Axis::Sampler, name, |config| config.sampler = sampler);
     if base.refine.is_none() {
         for &steps in extent.refinement() {
-            all.add(Axis::Refinement, &format!("refine-{steps}"), false, |point| {
+            all.add(Axis::Refinement, &format!("refine-{steps}"), |point| {
                 let stop = Stop::Steps(steps);
                 point.method.refine = Some(refine::Config { stop, ..refine::Config::default() });
             });
         }
     }
-    all.add(Axis::Resolution, "half-size", false, |point| point.shrink = 2);
+    all.add(Axis::Resolution, "half-size", |point| point.shrink = 2);
     // Learned heads work with the features of their backbone, and measured depth has none.
     if measured_depth && !learned && config.backbone != Backbone::GivenDepth {
         all.vary(Axis::Backbone, "given-depth", |config| config.backbone = Backbone::GivenDepth);
     }
     for &(name, cuts) in extent.cuts() {
-        all.add(Axis::Renderer, &name.replace(' ', "-"), false, |point| point.cuts = cuts);
+        all.add(Axis::Renderer, &name.replace(' ', "-"), |point| point.cuts = cuts);
     }
     all.all
 }
@@ -224,16 +271,46 @@ struct Points<'a> {
 }
 
 impl Points<'_> {
-    fn add(&mut self, axis: Axis, name: &str, base: bool, change: impl FnOnce(&mut Point)) {
-        let label = Label { point: name.to_owned(), axis, allocation: String::new(), base };
+    fn add(&mut self, axis: Axis, name: &str, change: impl FnOnce(&mut Point)) {
+        let label = Label {
+            point: name.to_owned(),
+            axis,
+            allocation: String::new(),
+            count: None,
+            draws: true,
+            base: false,
+        };
         let mut point = Point { label, method: self.base.clone(), cuts: Cuts::default(), shrink: 1 };
         change(&mut point);
-        point.label.allocation = name_of(point.method.predict.allocation);
+        let Method { predict, refine, .. } = &point.method;
+        point.label.allocation = name_of(predict.allocation);
+        point.label.count = match predict.budget {
+            Budget::Gaussians(n) if predict.allocation != Allocation::PixelAligned => Some(n),
+            _ => None,
+        };
+        point.label.draws = !predict.allocation.takes_all() || refine.is_some();
+        point.label.base = axis == Axis::Budget && *predict == self.base.predict;
         self.all.push(point);
     }
 
     fn vary(&mut self, axis: Axis, name: &str, change: impl FnOnce(&mut Config)) {
-        self.add(axis, name, false, |point| change(&mut point.method.predict));
+        self.add(axis, name, |point| change(&mut point.method.predict));
+    }
+
+    /// A point of the curve `family`: `n` Gaussians by an allocation, and what else is different.
+    fn count(
+        &mut self,
+        axis: Axis,
+        family: &str,
+        allocation: Allocation,
+        n: usize,
+        change: impl FnOnce(&mut Config),
+    ) {
+        self.vary(axis, &format!("{family}-{}", short(n)), |config| {
+            config.allocation = allocation;
+            config.budget = Budget::Gaussians(n);
+            change(config);
+        });
     }
 }
 
@@ -253,14 +330,19 @@ mod tests {
     use super::*;
 
     fn swept(base: &Method, extent: Extent) -> Vec<Point> {
-        let allocations =
-            [Allocation::Entropy, Allocation::Laplacian, Allocation::Random, Allocation::PixelAligned];
+        let allocations = [
+            Allocation::Entropy,
+            Allocation::Laplacian,
+            Allocation::Random,
+            Allocation::PixelAligned,
+            Allocation::Merged,
+        ];
         points(base, &allocations, extent, false, true)
     }
 
     #[test]
     fn points_have_names_of_their_own_and_one_is_the_base() {
-        for extent in [Extent::Quick, Extent::Full] {
+        for extent in [Extent::Quick, Extent::Full, Extent::Paper] {
             let all = swept(&Method::feed_forward(Config::default()), extent);
             let mut names: Vec<&str> = all.iter().map(|point| point.label.point.as_str()).collect();
             let plain = |c: char| c.is_ascii_alphanumeric() || "-=.".contains(c);
@@ -299,6 +381,15 @@ mod tests {
         let learned = points(&base, &[], Extent::Quick, true, false);
         assert!(learned.iter().any(|point| point.method.predict.head == Head::ClosedForm));
         assert!(learned.iter().all(|point| point.label.axis != Axis::Backbone));
+    }
+
+    #[test]
+    fn what_no_seed_changes_is_measured_with_one() {
+        for point in swept(&Method::feed_forward(Config::default()), Extent::Full) {
+            let takes_all = ["pixel-aligned", "merged"].contains(&point.label.allocation.as_str());
+            assert_eq!(point.label.seeds(&[4, 5]).len(), if takes_all { 1 } else { 2 }, "{:?}", point.label);
+            assert_eq!(point.label.count.is_none(), point.label.allocation == "pixel-aligned");
+        }
     }
 
     #[test]

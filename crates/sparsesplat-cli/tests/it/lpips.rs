@@ -47,6 +47,17 @@ fn lpips_is_measured_where_weights_are_given_and_names_its_network() {
     let found = read_json(&json);
     assert!(found["lpips_network"].is_null() && found["mean"]["lpips_held_out"].is_null());
 
+    // In the tables of sweeps, too.
+    let (paper, weights) = (at("paper.json"), [text(&linear), text(&features)]);
+    let words =
+        ["paper", "replica", "--scenes", "0", "--size", "96x64", "--head", "closed-form", "--seeds", "0"];
+    let more = ["--device", "cpu", "--json", text(&paper), "--lpips-weights"];
+    let Called { stdout, .. } = call(&[&words[..], &more, &weights].concat()).succeeded();
+    assert!(stdout.contains("LPIPS (squeeze)") && stdout.contains("LPIPS (vgg)"), "{stdout}");
+    let found = read_json(&paper);
+    assert_eq!(found["lpips_network"], "squeeze");
+    assert!(found["rows"].as_array().unwrap().iter().all(|row| row["lpips_held_out"].as_f64() > Some(0.0)));
+
     let Called { code, stderr, .. } = eval(&[&linear]);
     assert!(code == Some(2) && !stderr.contains("panicked"), "{stderr}");
     let Called { code, stderr, .. } = eval(&[&at("nothing.pth")]);

@@ -49,7 +49,7 @@ fn quality(path: &Path) -> BTreeMap<String, [String; 4]> {
             ["psnr_held_out", "ssim_held_out", "gaussians", "ply_bytes"].map(|key| row[key].to_string());
         (row["point"].as_str().unwrap().to_owned(), figures)
     };
-    json["points"].as_array().unwrap().iter().map(row).collect()
+    json["rows"].as_array().unwrap().iter().map(row).collect()
 }
 
 fn refused(called: &Called, parts: &[&str]) {
@@ -68,12 +68,14 @@ fn a_sweep_writes_all_that_is_asked_for_and_goes_on_where_it_was_cut() {
     assert!(called.stdout.contains("pixel-aligned PSNR"), "{}", called.stdout);
 
     let record = read_json(Path::new(&json));
-    let points = record["points"].as_array().unwrap();
+    let points = record["rows"].as_array().unwrap();
     let names: Vec<&str> = points.iter().map(|row| row["point"].as_str().unwrap()).collect();
     for name in [
         "entropy-1k",
         "random-10k",
         "laplacian-2k",
+        "merged-10k",
+        "voxel-aligned-2k",
         "pixel-aligned",
         "K=5",
         "bernoulli",
@@ -89,7 +91,12 @@ fn a_sweep_writes_all_that_is_asked_for_and_goes_on_where_it_was_cut() {
             assert!(row[key].as_f64().is_some_and(|figure| figure > 0.0), "{}: {key}", row["point"]);
         }
     }
-    assert!(points.iter().any(|row| row["on_front_of_seconds"] == true));
+    assert!(points.iter().any(|row| row["on_front_of_seconds"] == true && row["pareto"] == true));
+    assert!(points.iter().all(|row| row["lpips_held_out"].is_null()) && record["lpips_network"].is_null());
+    let curves: Vec<&str> =
+        record["shares"].as_array().unwrap().iter().map(|share| share["curve"].as_str().unwrap()).collect();
+    let expected = ["entropy", "laplacian", "random", "merged", "voxel-aligned", "entropy, closed form"];
+    assert_eq!(curves, expected);
     assert_eq!(record["windows"], serde_json::json!(["courtyard/0"]));
     assert!(record["recipe"]["config"]["points"][0]["method"]["neighbours"].is_u64());
 

@@ -1,0 +1,114 @@
+//! `paper`: the paper's tables, with what is measured here beside.
+
+use crate::arguments::{AllocationName, Common};
+use crate::failure::Outcome;
+use crate::output;
+use crate::summary::{print, print_line};
+use crate::sweep::Sweeping;
+use clap::{Args, ValueEnum};
+use evaluate::tradeoff::{Comparison, Extent, PaperTable, Summary, comparison_markdown, stated};
+use serde::Serialize;
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// The paper's tables, with what is measured here beside
+///
+/// Every row is measured as by `tradeoff`: one backbone, one head, and only the allocation and the count differ. The paper's figures
+/// stand beside as they are printed there, of its own data, training and machines. Its three ablations, whose rows have to be trained,
+/// are `ablate`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    sparsesplat paper main --dataset dl3dv --root benchmark --index dl3dv_index.json --size 448x256\n  \
+    sparsesplat paper replica --dataset replica --root Replica --windows 5\n  \
+    sparsesplat paper runtime frames primitives                        on simulated scenes\n  \
+    sparsesplat paper main --dataset nerfstudio --root data -o kept --lpips-weights vgg16-397923af.pth vgg.pth\n  \
+    sparsesplat paper main --merge sweep                               from the points of a sweep that is done\n\n\
+    A table says which views it is of, at which size, with which seeds, what was dropped and why.\n\
+    A window or point that fails is named with its reason, and the exit code is 1.")]
+pub(crate) struct Arguments {
+    /// Which tables
+    #[arg(value_enum, required = true)]
+    tables: Vec<Name>,
+    /// Also write the tables as a document
+    #[arg(long, value_name = "PATH", help_heading = "Results")]
+    markdown: Option<PathBuf>,
+    #[command(flatten)]
+    sweeping: Sweeping,
+}
+
+/// A table of the paper.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Name {
+    /// Methods by count: PSNR, SSIM, LPIPS, Gaussians, seconds
+    Main,
+    /// One per pixel against 150k: PSNR, SSIM, LPIPS
+    Replica,
+    /// Where the time goes, at 10k, 40k, 100k and 150k
+    Runtime,
+    /// Frames per second over the number of Gaussians
+    Frames,
+    /// How many Gaussians, beside mapping systems
+    Primitives,
+}
+
+impl Name {
+    fn table(self) -> PaperTable {
+        match self {
+            Self::Main => PaperTable::Main,
+            Self::Replica => PaperTable::Replica,
+            Self::Runtime => PaperTable::Runtime,
+            Self::Frames => PaperTable::Frames,
+            Self::Primitives => PaperTable::Primitives,
+        }
+    }
+}
+
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record<'a> {
+    recipe: &'a Value,
+    tables: &'a [Comparison],
+    #[serde(flatten)]
+    summary: &'a Summary,
+}
+
+pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    if let Some(path) = &arguments.markdown {
+        output::check_file(path)?;
+    }
+    let tables: Vec<PaperTable> = arguments.tables.iter().map(|name| name.table()).collect();
+    let compares = tables.iter().any(|table| table.compares_allocations());
+    let allocations = if compares { AllocationName::all() } else { Vec::new() };
+    let Some(swept) = arguments.sweeping.run(Extent::Paper, &allocations, common)? else { return Ok(()) };
+    let summary = &swept.summary;
+    let tables: Vec<Comparison> = tables.into_iter().map(|table| Comparison::new(table, summary)).collect();
+    for table in &tables {
+        print(&format!("{}\n\n{}\n", table.table.title(), table.to_table().to_text()));
+        for line in table.notes.iter().chain(&stated(summary)) {
+            print_line(line);
+        }
+        print_line("");
+    }
+    print_line(summary.protocol);
+    print_line(summary.measured_as);
+    print_line(&format!("measured   on {}", swept.machine()));
+    if let Some(path) = &common.json {
+        output::write_json(path, &Record { recipe: &swept.header.recipe, tables: &tables, summary })?;
+    }
+    if let Some(path) = &arguments.markdown {
+        let mut text = format!(
+            "# The paper's tables, ours beside\n\n```sh\n{}\n```\n\nMachine: {}.\n\n{} {}\n",
+            swept.command(),
+            swept.machine(),
+            summary.protocol,
+            summary.measured_as
+        );
+        for table in &tables {
+            let title = table.table.title();
+            text += &format!("\n## {title}\n\n{}", comparison_markdown(table, summary));
+        }
+        output::write_text(path, &text)?;
+        print_line(&format!("document   {}", path.display()));
+    }
+    swept.verdict()
+}

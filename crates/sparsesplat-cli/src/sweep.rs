@@ -1,0 +1,308 @@
+//! A sweep as the command line asks for it: what `tradeoff` and `paper` have in common.
+
+use crate::arguments::{Common, LpipsWeights, Pipeline, Range};
+use crate::datasets::Dataset;
+use crate::device::{self, UsedDevice};
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::progress::{Progress, describe};
+use crate::source::{Planned, Source};
+use crate::summary::print_line;
+use crate::{output, threads};
+use anyhow::Context;
+use clap::Args;
+use evaluate::tradeoff::{
+    self, Extent, Header, Journal, Pictures, Point, Shard, Shards, Summary, Sweep, points,
+};
+use evaluate::{Method, Plan, Reading, Recipe};
+use serde::Serialize;
+use serde_json::Value;
+use sparsesplat::{Allocation, Budget, Wanted};
+use std::path::{Path, PathBuf};
+
+/// What is swept over what, and where it is kept.
+#[derive(Debug, Args)]
+pub(crate) struct Sweeping {
+    /// The data set, or the layout of your own
+    #[arg(long, value_enum, default_value = "simulated")]
+    dataset: Dataset,
+    #[command(flatten)]
+    source: Source,
+    /// With simulated: so many generated scenes (seeds 0, 1, ...) beside the scene of the demo [default: 5, with --quick 0]
+    #[arg(long, value_name = "N")]
+    scenes: Option<u64>,
+    /// Seeds of the sampling; with several there is a spread. What no seed changes is measured once [default: 0,1,2, with --quick 0]
+    #[arg(long, value_delimiter = ',')]
+    seeds: Vec<u64>,
+    /// Keep finished points and their pictures in this folder, and go on there
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Of N parts of the windows the I-th, from 0 [default: as SLURM or Kubernetes says, else all]
+    #[arg(long, value_name = "I/N", requires = "output", allow_hyphen_values = true)]
+    shard: Option<Shard>,
+    /// Measure nothing: join the shards in these folders
+    #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["output", "shard", "seeds", "root", "scenes"])]
+    merge: Vec<PathBuf>,
+    #[command(flatten)]
+    lpips: LpipsWeights,
+    #[command(flatten)]
+    pipeline: Pipeline,
+}
+
+/// What a sweep found.
+pub(crate) struct Swept {
+    pub(crate) header: Header,
+    pub(crate) summary: Summary,
+    pub(crate) pictures: Pictures,
+    /// Of the pictures, for as long as they are needed.
+    _folder: Option<Folder>,
+}
+
+/// Windows that a quick sweep takes.
+const QUICK_WINDOWS: usize = 2;
+/// Generated scenes of a full sweep.
+const SCENES: u64 = 5;
+
+impl Sweeping {
+    /// Measures what is not measured yet, or joins what is. None where this process was one of several shards: it keeps its lines, and
+    /// joining makes the tables.
+    pub(crate) fn run(
+        &self,
+        extent: Extent,
+        allocations: &[Allocation],
+        common: &Common,
+    ) -> Outcome<Option<Swept>> {
+        if !self.merge.is_empty() {
+            let Shards { header, entries } = Shards::read(&self.merge).or_input()?;
+            let summary = Summary::new(&header, &entries);
+            let pictures = Pictures::below(&self.merge);
+            return Ok(Some(Swept { header, summary, pictures, _folder: None }));
+        }
+        let shard = self.shard()?;
+        let depth_hint = self.pipeline.depth_range == Range::Hint;
+        let scenes = self.scenes.unwrap_or(if extent == Extent::Quick { 0 } else { SCENES });
+        let mut planned = self.source.plan(self.dataset, scenes, depth_hint)?;
+        if extent == Extent::Quick {
+            planned.plans.truncate(QUICK_WINDOWS);
+        }
+        let Planned { plans, dropped, reading } = planned;
+        let seeds = self.seeds(extent);
+        let points = self.points(extent, allocations, seeds[0])?;
+        let lpips = self.lpips.read()?;
+        let mut rasterizer = device::rasterizer(common.device)?;
+        let settings = Settings {
+            dataset: self.dataset,
+            windows: plans.iter().map(WindowChoice::of).collect(),
+            reading,
+            seeds: &seeds,
+            points: &points,
+            weights_sha256: hash_of(&self.pipeline.weights)?,
+            lpips_sha256: hash_of(self.lpips.files())?,
+            device: UsedDevice::of(&rasterizer),
+            build: if cfg!(debug_assertions) { "development" } else { "release" },
+        };
+        let recipe = Recipe::of_this_run(seeds[0], threads(), settings);
+        let header = Header {
+            recipe: serde_json::to_value(&recipe).or_work()?,
+            shard,
+            windows: plans.iter().map(|plan| plan.name().to_owned()).collect(),
+            points: points.iter().map(|point| point.label.clone()).collect(),
+            seeds: seeds.clone(),
+            lpips_network: lpips.as_ref().map(|lpips| lpips.network().name().to_owned()),
+            dropped,
+        };
+        let folder = Folder::new(self.output.as_deref())?;
+        let mut journal = Journal::open(&folder.path, &header).or_input()?;
+        let sweep = Sweep { plans: &plans, shard, points: &points, seeds: &seeds, lpips: lpips.as_ref() };
+        let progress = Progress::new(sweep.runs());
+        if journal.measured() > 0 {
+            progress.line(&format!(
+                "resumed    {} of {} points are measured",
+                journal.measured(),
+                sweep.runs()
+            ));
+            progress.set(journal.measured());
+        }
+        for dropped in &header.dropped {
+            progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
+        }
+        let pictures = Pictures::below(std::slice::from_ref(&folder.path));
+        let scratch = folder.path.join(format!("scratch-{}.tmp.ply", shard.index));
+        let mut running = String::new();
+        let swept = sweep.run(&mut journal, &pictures, &scratch, &mut rasterizer, &mut |event| match event {
+            tradeoff::Progress::Point { window, point, seed } => {
+                running = format!("{window} {point} (seed {seed})");
+            }
+            tradeoff::Progress::Step(step) => progress.say(format!("{running}: {}", describe(step))),
+            tradeoff::Progress::Done(runs) => (0..runs).for_each(|_| progress.step()),
+            tradeoff::Progress::Failed(failed) => {
+                let point = failed.point.as_ref().map_or(String::new(), |point| format!(" {point}"));
+                progress.warn(&format!("dropped {}{point}: {}", failed.window, failed.reason));
+            }
+            _ => {}
+        });
+        // Whatever became of the sweep, nobody wants it.
+        let _ = std::fs::remove_file(&scratch);
+        drop(progress);
+        swept.or_work()?;
+        let summary = Summary::new(&header, journal.entries());
+        if shard.count > 1 {
+            let ours =
+                header.windows.iter().enumerate().filter(|(position, _)| shard.takes(*position)).count();
+            print_line(&format!(
+                "shard      {shard}: {ours} of {} windows, {} points",
+                header.windows.len(),
+                journal.measured()
+            ));
+            print_line("           --merge DIR makes the tables when all shards are done");
+            return match journal.measured() == sweep.runs() {
+                true => Ok(None),
+                false => Err(Failure::work("windows or points failed and are rows with their reason")),
+            };
+        }
+        Ok(Some(Swept { header, summary, pictures, _folder: Some(folder) }))
+    }
+
+    fn seeds(&self, extent: Extent) -> Vec<u64> {
+        let mut seeds = Vec::new();
+        let usual: &[u64] = if extent == Extent::Quick { &[0] } else { &[0, 1, 2] };
+        for &seed in if self.seeds.is_empty() { usual } else { &self.seeds } {
+            if !seeds.contains(&seed) {
+                seeds.push(seed);
+            }
+        }
+        seeds
+    }
+
+    fn shard(&self) -> Outcome<Shard> {
+        if let Some(shard) = self.shard {
+            return Ok(shard);
+        }
+        let of_environment = Shard::of_environment(|name| std::env::var(name).ok()).or_input()?;
+        match of_environment {
+            Some(shard) if shard.count > 1 && self.output.is_none() => Err(Failure::input(format!(
+                "the scheduler says that this is shard {shard}: --output DIR says where its points are kept (--shard 0/1 takes all windows)"
+            ))),
+            found => Ok(found.unwrap_or(Shard::WHOLE)),
+        }
+    }
+
+    /// The points that the base leads to.
+    fn points(&self, extent: Extent, allocations: &[Allocation], seed: u64) -> Outcome<Vec<Point>> {
+        let base: Method = self.pipeline.method(seed);
+        if matches!(base.predict.budget, Budget::Tau(_)) {
+            return Err(Failure::input(
+                "a sweep varies the count: --gaussians says the base's, --tau is not taken",
+            ));
+        }
+        if base.predict.allocation == Allocation::PixelAligned {
+            return Err(Failure::input(
+                "a sweep varies the count, and pixel-aligned has none: it is one of the points, --allocation takes another",
+            ));
+        }
+        let learned = sparsesplat::wanted(&base.predict).or_input()? == Wanted::DepthAndFeatures;
+        Ok(points(&base, allocations, extent, learned, self.dataset == Dataset::Simulated))
+    }
+}
+
+/// What tells files of weights from others of the same name.
+fn hash_of<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Outcome<Vec<String>> {
+    let of = |path: &PathBuf| {
+        let cannot = || format!("{}: cannot read", path.display());
+        evaluate::file_sha256(path).with_context(cannot).or_input()
+    };
+    files.into_iter().map(of).collect()
+}
+
+impl Swept {
+    /// A failure of some part of the sweep is the command's.
+    pub(crate) fn verdict(&self) -> Outcome {
+        match self.summary.failures() {
+            0 => Ok(()),
+            n => Err(Failure::work(format!(
+                "{n} windows, scenes or points have no figures: they are named with the reason"
+            ))),
+        }
+    }
+
+    /// On what it was measured, in words.
+    pub(crate) fn machine(&self) -> String {
+        let recipe = &self.header.recipe;
+        let text = |value: &Value| value.as_str().map_or_else(|| "unknown".to_owned(), str::to_owned);
+        let machine = &recipe["machine"];
+        let device = &recipe["config"]["device"];
+        let rendered = match device["kind"].as_str() {
+            Some("cpu") | None => "the CPU".to_owned(),
+            Some(kind) => format!("{} ({kind}, {})", text(&device["name"]), text(&device["driver"])),
+        };
+        format!(
+            "{}, {} threads, {}, {}; rendered on {rendered}; {} build",
+            text(&machine["cpu"]),
+            recipe["threads"],
+            text(&machine["os"]),
+            text(&machine["arch"]),
+            text(&recipe["config"]["build"])
+        )
+    }
+
+    /// The command as somebody else would type it.
+    pub(crate) fn command(&self) -> String {
+        let arguments = self.header.recipe["command"].as_array().map_or(&[][..], Vec::as_slice);
+        let words = arguments.iter().skip(1).filter_map(Value::as_str);
+        format!("cargo xtask {}", words.collect::<Vec<_>>().join(" "))
+    }
+}
+
+/// The settings in the recipe.
+#[derive(Serialize)]
+struct Settings<'a> {
+    dataset: Dataset,
+    windows: Vec<WindowChoice<'a>>,
+    reading: Reading,
+    seeds: &'a [u64],
+    points: &'a [Point],
+    weights_sha256: Vec<String>,
+    lpips_sha256: Vec<String>,
+    device: UsedDevice,
+    /// How the binary was compiled.
+    build: &'static str,
+}
+
+/// A window by its name and its frames.
+#[derive(Serialize)]
+struct WindowChoice<'a> {
+    name: &'a str,
+    #[serde(flatten)]
+    choice: Option<&'a evaluate::Choice>,
+}
+
+impl<'a> WindowChoice<'a> {
+    fn of(plan: &'a Plan) -> Self {
+        Self { name: plan.name(), choice: plan.choice() }
+    }
+}
+
+/// Where points are kept: a folder of the user's, or one that goes when the command is done.
+struct Folder {
+    path: PathBuf,
+    is_ours: bool,
+}
+
+impl Folder {
+    fn new(output: Option<&Path>) -> Outcome<Self> {
+        let path = match output {
+            Some(path) => path.to_path_buf(),
+            None => std::env::temp_dir().join(format!("sparsesplat-tradeoff-{}", std::process::id())),
+        };
+        output::check_folder(&path)?;
+        Ok(Self { path, is_ours: output.is_none() })
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        if self.is_ours {
+            // A folder of the system's for what is temporary: what is left there does no harm.
+            let _ = std::fs::remove_dir_all(&self.path);
+        }
+    }
+}
