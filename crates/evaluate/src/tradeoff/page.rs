@@ -75,10 +75,7 @@ pub fn tradeoff_page(
     }
     if !summary.shares.is_empty() {
         body.push_str("<h2>How many Gaussians for the quality of one per pixel</h2>\n");
-        body.push_str(&table(
-            &share_table(summary),
-            SHARES,
-        ));
+        body.push_str(&table(&share_table(summary), SHARES));
     }
     body.push_str("<h2>Every point</h2>\n");
     body.push_str(&table(

@@ -206,19 +206,22 @@ impl PaperTable {
             Self::Main => vec![
                 text(
                     "The paper's figures are of DL3DV's 140 test scenes at 256x448, each system with its own training, on a GPU; ours \
-                     are of the data below, one backbone and one head for all rows, only the allocation differs.",
+                     are of the data that is stated, one backbone and one head for all rows: only the allocation differs.",
                 ),
                 lpips,
             ],
             Self::Replica => {
-                vec![text("The paper's figures are of 28 scenes of Replica; ours of the data below."), lpips]
+                vec![
+                    text("The paper's figures are of 28 scenes of Replica; ours of the data that is stated."),
+                    lpips,
+                ]
             }
             Self::Runtime => vec![text(
                 "Other: loading, exposure, far shell, back-projection, decoding, writing, which the paper does not list; between: wall \
                  time that is in no stage. The paper's times are of a GPU.",
             )],
             Self::Frames => vec![text(
-                "The paper gives 71.9 and 208.6 frames per second, and more than 600 from 10k to 40k, on a GPU; ours are of the device below.",
+                "The paper gives 71.9 and 208.6 frames per second, and more than 600 from 10k to 40k, on a GPU; ours are of the device that is stated.",
             )],
             Self::Primitives => vec![text(
                 "The paper's figures are of whole sequences, from CaRtGS; its own and ours are of one window, which a mapping system adds \

@@ -71,7 +71,7 @@ fn over_seconds(area: &Area<'_>, summary: &Summary) -> Drawn {
     line(&mut chart, &mut names, "nothing is better and faster", &steps(&front), style(FRONT, 1), 0)?;
     curves(&mut chart, &mut names, summary, seconds)?;
     rings(&mut chart, &front)?;
-    others(&mut chart, summary, seconds)?;
+    others(&mut chart, summary, seconds, &steps(&front))?;
     legend(&side, &names)
 }
 
@@ -85,7 +85,7 @@ fn after_backbone(area: &Area<'_>, summary: &Summary) -> Drawn {
     let mut names = Names::new();
     axes(&mut chart, "seconds after loading and the backbone", PSNR)?;
     curves(&mut chart, &mut names, summary, seconds)?;
-    others(&mut chart, summary, seconds)?;
+    others(&mut chart, summary, seconds, &[])?;
     legend(&side, &names)
 }
 
@@ -109,8 +109,13 @@ where
     Ok(())
 }
 
-/// Rivals that are on no line, by name.
-fn others<X, Y>(chart: &mut Chart<'_, '_, X, Y>, summary: &Summary, cost: fn(&Row) -> f64) -> Drawn
+/// Rivals that are on no line, by name; names avoid the curves and `front`.
+fn others<X, Y>(
+    chart: &mut Chart<'_, '_, X, Y>,
+    summary: &Summary,
+    cost: fn(&Row) -> f64,
+    front: &[(f64, f64)],
+) -> Drawn
 where
     X: Ranged<ValueType = f64>,
     Y: Ranged<ValueType = f64>,
@@ -125,7 +130,8 @@ where
         others.iter().map(|row| (row.label.point.as_str(), pixel(row))).collect();
     let alone = others.iter().map(|row| vec![pixel(row)]);
     let lines = curves.iter().map(|(_, rows)| rows.iter().map(|row| pixel(row)).collect());
-    let lines: Vec<Vec<(i32, i32)>> = alone.chain(lines).collect();
+    let front = front.iter().map(|at| chart.backend_coord(at)).collect();
+    let lines: Vec<Vec<(i32, i32)>> = alone.chain(lines).chain([front]).collect();
     let (columns, rows) = chart.plotting_area().get_pixel_range();
     let places = place(&names, &lines, [columns.start, rows.start, columns.end, rows.end]);
     for (row, place) in others.into_iter().zip(places) {

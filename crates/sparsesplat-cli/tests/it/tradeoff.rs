@@ -33,7 +33,7 @@ fn tradeoff(arguments: &[&str], environment: &[(&str, &str)]) -> Called {
 /// A quick sweep over tiny simulated scenes; `scenes` beside that of the demo.
 fn quick<'a>(scenes: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     let arguments =
-        ["--quick", "--scenes", scenes, "--size", "72x48", "--gaussians", "1k", "--depth-range", RANGE];
+        ["--quick", "--scenes", scenes, "--size", "48x32", "--gaussians", "1k", "--depth-range", RANGE];
     [&arguments, more].concat()
 }
 
@@ -145,11 +145,11 @@ fn shards_give_what_one_run_gives() {
     let folder = tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let [whole, shards, together, merged] = ["whole.json", "shards", "together", "merged.json"].map(path);
-    tradeoff(&quick("1", &["--json", &whole]), &[]).succeeded();
-    tradeoff(&quick("1", &["-o", &shards, "--shard", "1/2"]), &[]).succeeded();
+    tradeoff(&quick("1", &["--head", "closed-form", "--json", &whole]), &[]).succeeded();
+    tradeoff(&quick("1", &["--head", "closed-form", "-o", &shards, "--shard", "1/2"]), &[]).succeeded();
     refused(&tradeoff(&["--merge", &shards], &[]), &["shard 0/2 is not there"]);
     let kubernetes = [("JOB_COMPLETION_INDEX", "0"), ("JOB_COMPLETIONS", "2")];
-    let called = tradeoff(&quick("1", &["-o", &together]), &kubernetes).succeeded();
+    let called = tradeoff(&quick("1", &["--head", "closed-form", "-o", &together]), &kubernetes).succeeded();
     assert!(called.stdout.contains("shard      0/2: 1 of 2 windows"), "{}", called.stdout);
     tradeoff(&["--merge", &shards, &together, "--json", &merged], &[]).succeeded();
     assert_eq!(quality(Path::new(&merged)), quality(Path::new(&whole)));
