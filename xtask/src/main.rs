@@ -43,7 +43,7 @@ Checks for developers:
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 12] = [
+const FORWARDED: [&str; 13] = [
     "demo",
     "reconstruct",
     "render",

@@ -9,8 +9,8 @@ use crate::{device, output, threads};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
 use evaluate::{
-    Dropped, Event, GeometryCache, Lpips, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table, Windows,
-    evaluate, lpips_column,
+    Dropped, Event, GeometryCache, Lpips, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table,
+    Windows, evaluate, lpips_column,
 };
 use serde::Serialize;
 use sparsesplat::{Allocation, Budget, Head};

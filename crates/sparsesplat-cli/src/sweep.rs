@@ -95,7 +95,7 @@ impl Sweeping {
             reading,
             seeds: &seeds,
             points: &points,
-            weights_sha256: hash_of(&self.pipeline.weights)?,
+            weights_sha256: hash_of(&self.pipeline.source.weights)?,
             lpips_sha256: hash_of(self.lpips.files())?,
             device: UsedDevice::of(&rasterizer),
             build: if cfg!(debug_assertions) { "development" } else { "release" },
@@ -188,7 +188,7 @@ impl Sweeping {
 
     /// The points that the base leads to.
     fn points(&self, extent: Extent, allocations: &[Allocation], seed: u64) -> Outcome<Vec<Point>> {
-        let base: Method = self.pipeline.method(seed);
+        let base: Method = self.pipeline.method(seed)?;
         if matches!(base.predict.budget, Budget::Tau(_)) {
             return Err(Failure::input(
                 "a sweep varies the count: --gaussians says the base's, --tau is not taken",

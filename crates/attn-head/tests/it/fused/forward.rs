@@ -51,6 +51,27 @@ fn large_logits_cost_no_more_than_their_rounding() {
     }
 }
 
+/// Neighbours far away, at distances that f32 holds exactly: the logits are as large, and cost their rounding.
+#[test]
+fn huge_offsets_cost_no_more_than_the_rounding_of_their_logits() {
+    for by in [64.0, 4096.0, 65536.0] {
+        let mut case = random(40, 6, 8, 5);
+        case.relative.iter_mut().flatten().for_each(|v| *v *= by);
+        let largest = case.run().largest_logit;
+        let error = error(&case);
+        assert!(
+            error < 32.0 * f64::from(f32::EPSILON) * largest.max(10.0),
+            "{by}: {error:e} with logits up to {largest}"
+        );
+    }
+    // Beyond what a logit can be without infinity the result is still a number.
+    let mut case = random(20, 5, 4, 6);
+    case.relative.iter_mut().flatten().for_each(|v| *v *= 1e12);
+    let single = Single::new(&case);
+    let found = fused::forward(&single.config, &single.weights, &single.inputs());
+    assert!(found.iter().all(|v| v.is_finite()));
+}
+
 #[test]
 fn no_anchors_have_no_outputs() {
     let single = Single::new(&random(0, 20, 64, 1));
