@@ -27,7 +27,8 @@ mod features;
 pub use backbone::{DepthBackbone, ViewGeometry, Wanted};
 #[cfg(feature = "depthsplat")]
 pub use depthsplat::{
-    DepthSplat, PixelGaussians, Scales, StageTime, Trace, TracedMap, Variant, Vit, WeightFault, WeightProblem,
+    DepthSplat, NamedTensor, PixelGaussians, Scales, StageTime, Trace, Variant, Vit, WeightFault,
+    WeightProblem,
 };
 pub use error::{Error, Result};
 pub use features::FEATURE_NAMES;

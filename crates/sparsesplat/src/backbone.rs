@@ -61,7 +61,12 @@ impl Unbuilt {
         match *self {}
     }
 
-    fn estimate_within(&self, _: &[View], _: (f64, f64), _: Wanted) -> Result<Vec<ViewGeometry>> {
+    fn estimate_within(
+        &self,
+        _: &[View],
+        _: (f64, f64),
+        _: Wanted,
+    ) -> depth_backbone::Result<Vec<ViewGeometry>> {
         match *self {}
     }
 }

@@ -28,7 +28,7 @@ pub fn predict(views: &[View], config: &Config, on_stage: &mut dyn FnMut(Stage))
     Ok(prediction)
 }
 
-/// The pass from a known [`geometry`] on, for configurations that differ in what comes after the backbone; its stage took 0 s.
+/// The pass from a known [`geometry`](crate::geometry) on, for configurations that differ in what comes after the backbone; its stage took 0 s.
 /// `geometry` must hold what [`wanted`] says, `depth_range` is what it came with.
 ///
 /// # Errors

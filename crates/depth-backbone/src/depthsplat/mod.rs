@@ -77,15 +77,15 @@ static LAST: Mutex<Option<(Stamp, Arc<DepthSplat>)>> = Mutex::new(None);
 #[derive(Debug, Clone, Default)]
 pub struct Trace {
     /// Maps between the stages, if they were wanted, images as `[views, channels, h, w]`.
-    pub maps: Vec<TracedMap>,
+    pub maps: Vec<NamedTensor>,
     /// Time of each stage.
     pub stages: Vec<StageTime>,
 }
 
-/// A map between two stages.
+/// A tensor by its name: a map between two stages, or a weight.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TracedMap {
-    /// What it is, as in the golden files.
+pub struct NamedTensor {
+    /// What it is: of maps as in the golden files, of weights as in the GS checkpoints, without `encoder.`.
     pub name: String,
     /// Its shape.
     pub shape: Vec<usize>,
@@ -162,16 +162,16 @@ impl DepthSplat {
         Ok(Self { network, range: DepthRange::Estimate, schema })
     }
 
-    /// The weights of an [`untrained`](Self::untrained) network: name, shape, values row-major. For files that tests are made of.
+    /// The weights of an [`untrained`](Self::untrained) network. For files that tests are made of.
     ///
     /// # Errors
     /// If a tensor cannot be made.
-    pub fn untrained_weights(variant: Variant, salt: &str) -> Result<Vec<(String, Vec<usize>, Vec<f32>)>> {
+    pub fn untrained_weights(variant: Variant, salt: &str) -> Result<Vec<NamedTensor>> {
         let all = Self::parameters(variant)?.into_iter();
         Ok(all
             .map(|(name, shape)| {
                 let values = recipe::values(salt, &name, &shape);
-                (name, shape, values)
+                NamedTensor { name, shape, values }
             })
             .collect())
     }
@@ -232,7 +232,7 @@ impl DepthSplat {
         let geometry = self.geometry(views, &pass, wanted)?;
         let stages = taps.times().to_vec();
         let traced = |(name, tensor): (String, candle_core::Tensor)| {
-            Ok(TracedMap { name, shape: tensor.dims().to_vec(), values: tensor.flatten_all()?.to_vec1()? })
+            Ok(NamedTensor { name, shape: tensor.dims().to_vec(), values: tensor.flatten_all()?.to_vec1()? })
         };
         let maps = taps.into_maps()?.into_iter().map(traced).collect::<Result<_>>()?;
         Ok((geometry, Trace { maps, stages }))

@@ -89,6 +89,7 @@ fn shortened(value: &Value) -> String {
 /// A line after the first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
+#[allow(clippy::large_enum_variant, reason = "nearly all entries are of the large one")]
 pub enum Entry {
     /// A point was measured.
     Measured(Measured),

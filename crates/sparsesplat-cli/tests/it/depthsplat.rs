@@ -16,12 +16,11 @@ fn checkpoint() -> &'static Path {
         let path = folder.path().join("network.safetensors");
         let variant = Variant { scales: Scales::Eighth, vit: Vit::Small };
         let weights = DepthSplat::untrained_weights(variant, "").unwrap();
-        let bytes: Vec<Vec<u8>> = weights
-            .iter()
-            .map(|(.., values)| values.iter().flat_map(|v| v.to_le_bytes()).collect())
-            .collect();
-        let views = weights.iter().zip(&bytes).map(|((name, shape, _), bytes)| {
-            (format!("encoder.{name}"), TensorView::new(Dtype::F32, shape.clone(), bytes).unwrap())
+        let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let bytes: Vec<Vec<u8>> = weights.iter().map(|weight| bytes(&weight.values)).collect();
+        let views = weights.iter().zip(&bytes).map(|(weight, bytes)| {
+            let view = TensorView::new(Dtype::F32, weight.shape.clone(), bytes).unwrap();
+            (format!("encoder.{}", weight.name), view)
         });
         serialize_to_file(views, None, &path).unwrap();
         (folder, path)

@@ -11,7 +11,7 @@ const SMALL: Variant = Variant { scales: Scales::Eighth, vit: Vit::Small };
 /// All parameters of the network by the names of the GS checkpoints.
 fn weights() -> Vec<(String, Tensor)> {
     let all = DepthSplat::untrained_weights(SMALL, "").unwrap().into_iter();
-    all.map(|(name, shape, values)| (name, Tensor::from_vec(values, shape, &Device::Cpu).unwrap())).collect()
+    all.map(|w| (w.name, Tensor::from_vec(w.values, w.shape, &Device::Cpu).unwrap())).collect()
 }
 
 fn views() -> Vec<View> {

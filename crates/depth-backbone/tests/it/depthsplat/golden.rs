@@ -1,7 +1,7 @@
 //! Golden files of the network: inputs, maps between its stages, depth, computed by another implementation. The layout
 //! is described in fixtures/depth-backbone/README.md.
 
-use depth_backbone::{DepthSplat, Scales, TracedMap, Variant, Vit};
+use depth_backbone::{DepthSplat, NamedTensor, Scales, Variant, Vit};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, Image, Intrinsics, View};
 use safetensors::{Dtype, SafeTensors};
@@ -103,12 +103,12 @@ impl Golden {
     /// Runs the network and compares each map of the file; those that were not computed have no deviation.
     pub(crate) fn compare(&self, network: &DepthSplat) -> Result<Vec<(String, Option<Deviation>)>, Failure> {
         let (geometry, trace) = network.trace(&self.views, &self.ranges, true)?;
-        let mut maps: HashMap<String, TracedMap> =
+        let mut maps: HashMap<String, NamedTensor> =
             trace.maps.into_iter().map(|map| (map.name.clone(), map)).collect();
         let (width, height) = (geometry[0].depth.width(), geometry[0].depth.height());
         let join = |of: &dyn Fn(usize) -> Vec<f32>| (0..geometry.len()).flat_map(of).collect::<Vec<f32>>();
         let mut add = |name: &str, shape: Vec<usize>, values| {
-            maps.insert(name.to_owned(), TracedMap { name: name.to_owned(), shape, values });
+            maps.insert(name.to_owned(), NamedTensor { name: name.to_owned(), shape, values });
         };
         let depth = join(&|i| geometry[i].depth.data().to_vec());
         add("depth.final", vec![1, geometry.len(), height, width], depth);
@@ -171,7 +171,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 impl Tap {
-    fn deviation(&self, map: &TracedMap) -> Result<Deviation, Failure> {
+    fn deviation(&self, map: &NamedTensor) -> Result<Deviation, Failure> {
         let computed: usize = map.shape.iter().product();
         if computed != self.shape.iter().product::<usize>() || map.values.len() != computed {
             return Err(
@@ -197,7 +197,7 @@ impl Tap {
 }
 
 /// Of maps `[n, channels, h, w]`.
-fn channel_deviation(map: &TracedMap, expected: &[f32]) -> f64 {
+fn channel_deviation(map: &NamedTensor, expected: &[f32]) -> f64 {
     let (channels, pixels) = (map.shape[1], map.shape[2] * map.shape[3]);
     let scale = rms(expected[channels..].iter().map(|&v| f64::from(v)));
     let of = |c: usize| {
