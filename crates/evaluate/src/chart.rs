@@ -1,7 +1,7 @@
 //! What all plots share: size, colours, axes, lines with marks, the legend.
 
 use plotters::coord::Shift;
-use plotters::coord::ranged1d::{Ranged, ValueFormatter};
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -49,30 +49,49 @@ pub(crate) fn style(colour: RGBColor, stroke_width: u32) -> ShapeStyle {
     ShapeStyle { color: colour.to_rgba(), filled: true, stroke_width }
 }
 
-/// Axes with a name each, numbers as they are.
+/// A logarithmic axis of counts, marked at 1, 2 and 5 times the powers of ten.
+pub(crate) struct Counts(std::ops::Range<f64>);
+
+impl Counts {
+    /// An axis around the positive ones of some numbers.
+    pub(crate) fn around(values: impl Iterator<Item = f64>) -> Self {
+        let around = range(values.filter(|value| *value > 0.0).map(f64::log10), 0.05);
+        Self(10f64.powf(around.start)..10f64.powf(around.end))
+    }
+}
+
+impl Ranged for Counts {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        let share = (value / self.0.start).ln() / (self.0.end / self.0.start).ln();
+        limit.0 + (share * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        let decades = self.0.start.log10().floor() as i32..=self.0.end.log10().floor() as i32;
+        let marks = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|mark| mark * 10f64.powi(decade)));
+        marks.filter(|mark| self.0.contains(mark)).collect()
+    }
+
+    fn range(&self) -> std::ops::Range<f64> {
+        self.0.clone()
+    }
+}
+
+impl ValueFormatter<f64> for Counts {
+    fn format(count: &f64) -> String {
+        match *count {
+            million if million >= 1e6 => format!("{}M", million / 1e6),
+            thousand if thousand >= 1e3 => format!("{}k", thousand / 1e3),
+            few => few.to_string(),
+        }
+    }
+}
+
+/// Axes with a name each.
 pub(crate) fn axes<X, Y>(chart: &mut Chart<'_, '_, X, Y>, x: &str, y: &str) -> Drawn
-where
-    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
-    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
-{
-    axes_of(chart, x, y, &X::format)
-}
-
-/// Axes with a name each, those along x counts: `40k`.
-pub(crate) fn axes_of_counts<X, Y>(chart: &mut Chart<'_, '_, X, Y>, x: &str, y: &str) -> Drawn
-where
-    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
-    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
-{
-    let short = |count: &f64| match *count {
-        million if million >= 1e6 => format!("{}M", million / 1e6),
-        thousand if thousand >= 1e3 => format!("{}k", thousand / 1e3),
-        few => few.to_string(),
-    };
-    axes_of(chart, x, y, &short)
-}
-
-fn axes_of<X, Y>(chart: &mut Chart<'_, '_, X, Y>, x: &str, y: &str, number: &dyn Fn(&f64) -> String) -> Drawn
 where
     X: Ranged<ValueType = f64> + ValueFormatter<f64>,
     Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
@@ -82,7 +101,6 @@ where
         .light_line_style(TRANSPARENT)
         .x_desc(x)
         .y_desc(y)
-        .x_label_formatter(number)
         .label_style(("sans-serif", 14))
         .axis_desc_style(("sans-serif", 15))
         .draw()?;
@@ -157,4 +175,20 @@ pub(crate) fn range(values: impl Iterator<Item = f64>, margin: f64) -> std::ops:
     }
     let margin = (margin * (high - low)).max(1e-6);
     low - margin..high + margin
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_marked_once_each_within_their_range() {
+        let axis = Counts::around([1e3, 0.0, f64::NAN, 3e5].into_iter());
+        let marks = axis.key_points(9);
+        assert_eq!(marks, [1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 2e5]);
+        assert_eq!(marks.iter().map(Counts::format).collect::<Vec<_>>()[..4], ["1k", "2k", "5k", "10k"]);
+        let steps: Vec<i32> = [1e3, 1e4, 1e5].iter().map(|count| axis.map(count, (0, 600))).collect();
+        assert!((steps[2] - steps[1] - (steps[1] - steps[0])).abs() <= 1, "{steps:?}");
+        assert!(steps[0] > 0 && axis.map(&3e5, (0, 600)) < 600);
+    }
 }

@@ -13,6 +13,8 @@ const MARK: i32 = 8;
 const PIECE: i32 = 3;
 /// Distances between a point and its name that are tried, pixels.
 const GAPS: [i32; 8] = [9, 14, 20, 30, 42, 56, 72, 90];
+/// How much worse than a hidden piece of a line a line through a name is.
+const CROSSED: i64 = 50;
 /// From here on a line leads to the name.
 const FAR: i32 = 20;
 
@@ -37,22 +39,32 @@ pub(crate) fn place(
     for pair in lines.iter().flat_map(|line| line.windows(2)) {
         taken.extend(pieces(pair[0], pair[1]).map(around_point(PIECE)));
     }
-    let mut all = Vec::with_capacity(names.len());
+    let (mut all, mut texts) = (Vec::with_capacity(names.len()), Vec::new());
     for &(name, (x, y)) in names {
         let width = (name.chars().count() as f64 * LETTER).ceil() as i32;
         let candidates = GAPS.iter().flat_map(|&gap| around(gap, width).map(|corner| (gap, corner)));
-        let cost = |&(_, (dx, dy)): &(i32, (i32, i32))| {
-            let text = [x + dx, y + dy, x + dx + width, y + dy + HEIGHT];
+        let text = |(dx, dy): (i32, i32)| [x + dx, y + dy, x + dx + width, y + dy + HEIGHT];
+        let end = |(dx, dy): (i32, i32)| (0.clamp(dx, dx + width), 0.clamp(dy, dy + HEIGHT));
+        let leader = |gap: i32, corner: (i32, i32)| (gap >= FAR).then(|| end(corner));
+        let cost = |&(gap, corner): &(i32, (i32, i32))| {
+            let text = text(corner);
             let outside =
                 text[0] < bounds[0] || text[1] < bounds[1] || text[2] > bounds[2] || text[3] > bounds[3];
             let hidden: i64 = taken.iter().map(|other| overlap(text, *other)).sum();
-            hidden + if outside { 1_000_000 } else { 0 }
+            let along = leader(gap, corner).into_iter().flat_map(|(dx, dy)| pieces((x, y), (x + dx, y + dy)));
+            let crossed: i64 =
+                along.flat_map(|at| texts.iter().map(move |text| overlap(around_point(1)(at), *text))).sum();
+            hidden + CROSSED * crossed + if outside { 1_000_000 } else { 0 }
         };
         // The first of equals: the nearest.
         let Some((gap, corner)) = candidates.min_by_key(cost) else { continue };
-        taken.push([x + corner.0, y + corner.1, x + corner.0 + width, y + corner.1 + HEIGHT]);
-        let end = (0.clamp(corner.0, corner.0 + width), 0.clamp(corner.1, corner.1 + HEIGHT));
-        all.push(Placed { corner, leader: (gap >= FAR).then_some(end) });
+        let leader = leader(gap, corner);
+        taken.extend(
+            leader.into_iter().flat_map(|(dx, dy)| pieces((x, y), (x + dx, y + dy))).map(around_point(PIECE)),
+        );
+        taken.push(text(corner));
+        texts.push(text(corner));
+        all.push(Placed { corner, leader });
     }
     all
 }

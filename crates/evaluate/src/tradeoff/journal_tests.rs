@@ -38,7 +38,7 @@ pub(crate) fn measured(window: &str, seed: u64, point: &str, gaussians: usize, p
     };
     Measured {
         window: window.to_owned(),
-        views: views(),
+        views: Box::new(views()),
         seed,
         point: point.to_owned(),
         gaussians,

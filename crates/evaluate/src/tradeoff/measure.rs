@@ -21,7 +21,8 @@ backbone runs once per window and size of its photographs, and every point count
 and seed. Seconds by stage are medians over seeds, then means over windows and scenes. Frames per second: the median over the held-out \
 views of the time of one picture, its copy into memory included, after one that is not timed. Memory: the most that the process held \
 (resident) while the point ran or the backbone before it, photographs, kept depth and earlier allocations included; memory of a GPU is \
-not in it. File: the PLY as it lies on disk, 32 bits per number.";
+not in it. File: the PLY as it lies on disk, 32 bits per number. What no seed changes (one Gaussian per pixel, merged, voxels) is \
+measured with one.";
 
 /// The views of a window, as tables state them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -55,7 +56,7 @@ pub struct Measured {
     pub window: String,
     /// Which views those are.
     #[serde(flatten)]
-    pub views: Views,
+    pub views: Box<Views>,
     /// Seed of the sampling.
     pub seed: u64,
     /// Name of the point.
@@ -178,7 +179,7 @@ pub(super) fn measure(
     let finite = |value: f64| Some(value).filter(|value| value.is_finite());
     let measured = Measured {
         window: window.name.clone(),
-        views: views.clone(),
+        views: Box::new(views.clone()),
         seed: method.predict.seed,
         point: point.label.point.clone(),
         gaussians: prediction.counts.total,

@@ -4,8 +4,8 @@ use super::breakdown::breakdown;
 use super::front::pareto_front;
 use super::summary::{Row, Summary};
 use crate::chart::{
-    Area, COLOURS, Chart, Drawn, Names, SIZE, axes, axes_of_counts, beside, chart_on, legend, line, marks,
-    range, style, svg,
+    Area, COLOURS, Chart, Counts, Drawn, Names, SIZE, axes, beside, chart_on, legend, line, marks, range,
+    style, svg,
 };
 use crate::labels::place;
 use plotters::coord::ranged1d::Ranged;
@@ -147,21 +147,14 @@ where
     Ok(())
 }
 
-/// A logarithmic range around the positive numbers.
-fn logarithmic(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
-    let around = range(values.filter(|value| *value > 0.0).map(f64::log10), 0.05);
-    10f64.powf(around.start)..10f64.powf(around.end)
-}
-
 fn over_gaussians(area: &Area<'_>, summary: &Summary) -> Drawn {
     let count = |row: &Row| row.gaussians;
     let rows = || shown(summary).filter(|row| row.label.is_of_counts());
     let (area, side) = beside(area);
     let qualities = range(rows().map(|row| row.psnr_held_out), 0.08);
-    let mut chart =
-        chart_on(&area).build_cartesian_2d(logarithmic(rows().map(count)).log_scale(), qualities)?;
+    let mut chart = chart_on(&area).build_cartesian_2d(Counts::around(rows().map(count)), qualities)?;
     let mut names = Names::new();
-    axes_of_counts(&mut chart, "Gaussians", PSNR)?;
+    axes(&mut chart, "Gaussians", PSNR)?;
     curves(&mut chart, &mut names, summary, count)?;
     if let Some(aligned) = summary.pixel_aligned().filter(|row| row.psnr_held_out.is_finite()) {
         let (low, high) = (rows().map(count).fold(f64::INFINITY, f64::min), aligned.gaussians);
@@ -182,10 +175,10 @@ fn frames(area: &Area<'_>, summary: &Summary) -> Drawn {
     let rate = |row: &Row| row.frames_per_second;
     let rows = || shown(summary).filter(|row| row.label.is_of_counts());
     let (area, side) = beside(area);
-    let counts = logarithmic(rows().map(|row| row.gaussians)).log_scale();
+    let counts = Counts::around(rows().map(|row| row.gaussians));
     let mut chart = chart_on(&area).build_cartesian_2d(counts, 0.0..range(rows().map(rate), 0.1).end)?;
     let mut names = Names::new();
-    axes_of_counts(&mut chart, "Gaussians", "frames per second")?;
+    axes(&mut chart, "Gaussians", "frames per second")?;
     for (i, (name, rows)) in summary.curves().iter().enumerate() {
         let points: Vec<(f64, f64)> = rows.iter().map(|row| (row.gaussians, rate(row))).collect();
         line(&mut chart, &mut names, name, &points, style(COLOURS[i % COLOURS.len()], 2), 3)?;

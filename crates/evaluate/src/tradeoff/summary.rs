@@ -274,7 +274,7 @@ impl<'a> Entries<'a> {
     }
 
     fn views(&self, window: &str) -> Option<&'a Views> {
-        self.measured.iter().find(|entry| entry.window == window).map(|entry| &entry.views)
+        self.measured.iter().find(|entry| entry.window == window).map(|entry| entry.views.as_ref())
     }
 
     fn row(&self, label: &Label) -> Row {
