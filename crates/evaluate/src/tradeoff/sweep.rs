@@ -149,6 +149,7 @@ impl Extent {
     fn rival_budgets(self, allocation: Allocation) -> &'static [usize] {
         match (self, allocation) {
             (Self::Quick, Allocation::Merged) => &[10_000],
+            (Self::Quick, _) => &[2_000, 10_000],
             _ => self.budgets(),
         }
     }
