@@ -145,10 +145,11 @@ impl Extent {
         }
     }
 
-    /// Counts of an allocation that is compared with the base's. Merging makes one Gaussian per pixel first, at every count.
+    /// Counts of an allocation that is compared with the base's, beside the base's own. Merging makes one Gaussian per pixel first, at
+    /// every count.
     fn rival_budgets(self, allocation: Allocation) -> &'static [usize] {
         match (self, allocation) {
-            (Self::Quick, Allocation::Merged) => &[10_000],
+            (Self::Quick, Allocation::Merged) => &[],
             (Self::Quick, _) => &[2_000, 10_000],
             _ => self.budgets(),
         }
