@@ -242,6 +242,11 @@ pub fn points(
             closed_form(config);
         });
     }
+    if matches!(config.backbone, Backbone::DepthSplat(_)) {
+        all.vary(Axis::Head, &format!("depthsplat-{}", name_of(Allocation::PixelAligned)), |config| {
+            (config.allocation, config.head) = (Allocation::PixelAligned, Head::DepthSplat);
+        });
+    }
     let (sampler, name) = match config.sampler {
         Sampler::Fixed => (Sampler::Bernoulli, "bernoulli"),
         Sampler::Bernoulli => (Sampler::Fixed, "fixed"),
@@ -383,6 +388,13 @@ mod tests {
         let learned = points(&base, &[], Extent::Quick, true, false);
         assert!(learned.iter().any(|point| point.method.predict.head == Head::ClosedForm));
         assert!(learned.iter().all(|point| point.label.axis != Axis::Backbone));
+        // DepthSplat's own Gaussians are one more point where they can be had.
+        let of_network = |point: &&Point| point.method.predict.head == Head::DepthSplat;
+        assert!(!all.iter().any(|point| of_network(&point)));
+        let backbone = Backbone::DepthSplat("weights".into());
+        let base = Method::feed_forward(Config { backbone, ..Config::default() });
+        let own: Vec<Point> = swept(&base, Extent::Quick).into_iter().filter(|p| of_network(&p)).collect();
+        assert!(own.len() == 1 && own[0].label.point == "depthsplat-pixel-aligned");
     }
 
     #[test]
