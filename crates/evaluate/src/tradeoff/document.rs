@@ -25,6 +25,7 @@ pub fn statements(summary: &Summary) -> Vec<String> {
         let saved = count(knee.saved);
         said.push(format!("{} and saves {saved} Gaussians ({}).", costs(knee), percent(knee.share)));
     }
+    said.extend(too_many(summary));
     for Share { curve, aligned, reached, share, paper } in &summary.shares {
         let goal = format!("the pixel-aligned PSNR ({} dB)", decibel(*aligned));
         let paper = paper.map_or(String::new(), |paper| format!("; the paper says {}", percent(paper)));
@@ -42,6 +43,22 @@ pub fn statements(summary: &Summary) -> Vec<String> {
         });
     }
     said
+}
+
+/// Where the base's curve is best, if one Gaussian per pixel is clearly worse: a share that is small because of that is no merit of few.
+fn too_many(summary: &Summary) -> Option<String> {
+    const CLEARLY: f64 = 0.05;
+    let aligned = summary.pixel_aligned()?;
+    let (curve, rows) = summary.curves().into_iter().next()?;
+    let best = rows.into_iter().max_by(|a, b| a.psnr_held_out.total_cmp(&b.psnr_held_out))?;
+    let above = best.psnr_held_out - aligned.psnr_held_out;
+    (above > CLEARLY).then(|| {
+        format!(
+            "{curve} is best at {} Gaussians, {} dB above one per pixel: more than that cost quality here.",
+            count(best.gaussians),
+            decibel(above)
+        )
+    })
 }
 
 fn costs(knee: &Knee) -> String {
@@ -306,12 +323,14 @@ mod tests {
             "{said}"
         );
         assert!(said.contains("the paper says 22.0 %"), "{said}");
+        assert!(said.contains("entropy is best at 100 000 Gaussians, 0.10 dB above one per pixel"), "{said}");
     }
 
     #[test]
     fn a_share_that_is_not_reached_is_said_so() {
         let summary = summary(&[20.0, 21.0], 25.0);
-        assert!(statements(&summary).join("\n").contains("does not reach"));
+        let said = statements(&summary).join("\n");
+        assert!(said.contains("does not reach") && !said.contains("is best at"), "{said}");
         assert_eq!(share_table(&summary).rows()[0][1..3], ["not reached", "not reached"]);
         let easy = crate::tradeoff::summary::tests::summary(&[20.0, 21.0], 19.0);
         assert!(statements(&easy).join("\n").contains("1 000 Gaussians, the fewest"));
