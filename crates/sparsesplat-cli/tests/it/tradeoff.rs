@@ -74,7 +74,7 @@ fn a_sweep_writes_all_that_is_asked_for_and_goes_on_where_it_was_cut() {
         "entropy-1k",
         "random-10k",
         "laplacian-2k",
-        "merged-10k",
+        "merged-1k",
         "voxel-aligned-2k",
         "pixel-aligned",
         "K=5",
