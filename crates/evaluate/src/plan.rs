@@ -5,7 +5,7 @@ use crate::{Dropped, Error, Result, Window};
 use serde::Serialize;
 use sparsesplat::DepthRange;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 use view_data::{
     Dataset, Format, SceneDepth, estimate_scene_depth, open, open_all, read_index, select_views,
@@ -17,6 +17,8 @@ use view_data::{
 pub struct Plan {
     name: String,
     source: Source,
+    /// Where the loaded window stays, if it is to.
+    memory: Option<Arc<OnceLock<Window>>>,
 }
 
 #[derive(Debug, Clone)]
@@ -74,7 +76,7 @@ impl Plan {
     /// A simulated scene.
     #[must_use]
     pub fn simulated(scene: SimulatedScene, size: (usize, usize)) -> Self {
-        Self { name: format!("{scene}/0"), source: Source::Simulated { scene, size } }
+        Self { name: format!("{scene}/0"), source: Source::Simulated { scene, size }, memory: None }
     }
 
     /// A window over views of a scene chosen by their overlap; the targets are the frames between them.
@@ -244,7 +246,15 @@ impl Plan {
         Ok(Self {
             name,
             source: Source::Photographs(Photographs { dataset, choice, size: reading.size, hint }),
+            memory: None,
         })
+    }
+
+    /// The same plan, whose window with its targets is loaded once and then stays in memory, with the time that it took: for many
+    /// methods on few windows.
+    #[must_use]
+    pub fn kept_in_memory(self) -> Self {
+        Self { memory: Some(Arc::default()), ..self }
     }
 
     /// `scene/window`.
@@ -288,7 +298,7 @@ impl Plan {
                 Source::Photographs(Photographs { size: Some(size), ..photographs.clone() })
             }
         };
-        Self { name: self.name.clone(), source }
+        Self { name: self.name.clone(), source, memory: None }
     }
 
     /// Everything that decides what the views of a simulated scene look like, as text; for caches.
@@ -305,6 +315,17 @@ impl Plan {
     /// # Errors
     /// If a file is missing or wrong.
     pub fn load(&self, with_targets: bool) -> Result<Window> {
+        let Some(memory) = self.memory.as_ref().filter(|_| with_targets) else {
+            return self.read(with_targets);
+        };
+        if let Some(window) = memory.get() {
+            return Ok(window.clone());
+        }
+        let window = self.read(true)?;
+        Ok(memory.get_or_init(|| window).clone())
+    }
+
+    fn read(&self, with_targets: bool) -> Result<Window> {
         let Photographs { dataset, choice, size, .. } = match &self.source {
             Source::Simulated { scene, size } => return simulated_window(*scene, *size),
             Source::Photographs(photographs) => photographs,
@@ -367,4 +388,22 @@ fn left_out_by_index<'a>(
     entries: impl Iterator<Item = &'a view_data::Dropped>,
 ) -> impl Iterator<Item = Dropped> {
     entries.map(|entry| Dropped { name: entry.key.clone(), reason: entry.reason.clone(), failed: false })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_window_kept_in_memory_is_loaded_once_and_other_sizes_are_not_it() {
+        let plan = Plan::simulated(SimulatedScene::Courtyard, (24, 16)).kept_in_memory();
+        let without_targets = plan.load(false).unwrap();
+        assert!(without_targets.context.len() == 6);
+        let (first, second) = (plan.clone().load(true).unwrap(), plan.load(true).unwrap());
+        // Two loads never take the same nanoseconds.
+        assert_eq!(first.load_seconds, second.load_seconds);
+        assert_eq!(first.sha256(), second.sha256());
+        assert!(!second.targets.is_empty());
+        assert_eq!(plan.at_size((12, 8)).load(true).unwrap().context[0].image().width(), 12);
+    }
 }

@@ -164,6 +164,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         sets.push(("photographs", plans));
         dropped.extend(unread);
     }
+    for (_, plans) in &mut sets {
+        *plans = plans.drain(..).map(Plan::kept_in_memory).collect();
+    }
     let mut rows = Vec::new();
     for row in arguments.what.rows() {
         for &seed in &arguments.training_seeds {

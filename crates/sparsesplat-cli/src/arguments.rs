@@ -80,6 +80,9 @@ pub(crate) struct DepthSource {
     /// Where depth and features come from
     #[arg(long, value_enum, default_value = "plane-sweep")]
     pub(crate) backbone: BackboneName,
+    /// Planes of the stereo between the near and the far end of the depth range: fewer are faster [default: 128]
+    #[arg(long, value_name = "N", value_parser = positive)]
+    pub(crate) depth_planes: Option<usize>,
     /// Weights, which tell themselves what they are of: a head that `train` wrote, instead of the default one; a checkpoint of DepthSplat,
     /// for --backbone depthsplat [default: the one that lies where `doctor` says]; or both
     #[arg(long, value_name = "FILE", num_args = 1..=2)]
@@ -113,8 +116,16 @@ impl DepthSource {
                 )));
             }
             (BackboneName::GivenDepth, None) => Backbone::GivenDepth,
-            (BackboneName::PlaneSweep, None) => Backbone::PlaneSweep,
+            (BackboneName::PlaneSweep, None) => match self.depth_planes {
+                Some(planes) => Backbone::PlaneSweep { planes },
+                None => Backbone::default(),
+            },
         };
+        if let (Some(planes), false) = (self.depth_planes, matches!(backbone, Backbone::PlaneSweep { .. })) {
+            return Err(Failure::input(format!(
+                "--depth-planes {planes} is for the stereo of --backbone plane-sweep"
+            )));
+        }
         Ok((backbone, heads.first().map(|path| (*path).clone())))
     }
 }

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// What accuracy costs in time: one method, varied along one axis at a time
 ///
 /// The base is what the settings of the reconstruction say. From there go the count (1k ... 150k, one per pixel), the allocation at
-/// all these counts, K, the head, the sampler, refinement, the size of the photographs, the backbone (measured depth, where the scenes
+/// all these counts, K, the head, the sampler, refinement, the size of the photographs, the planes of the stereo, the backbone (measured depth, where the scenes
 /// are simulated and the head is the closed form) and the renderer's cut-offs. Each point has PSNR and SSIM of held-out views, seconds by stage, memory, the size of the
 /// file, and frames per second; the points that nothing beats are marked, and where more stops being worth its price is said.
 #[derive(Debug, Args)]

@@ -18,9 +18,9 @@ pub fn geometry(views: &[View], config: &Config, wanted: Wanted) -> Result<(Vec<
             let range = GivenDepth::depth_range(views)?;
             (GivenDepth.estimate(views, wanted)?, range)
         }
-        Backbone::PlaneSweep => {
+        Backbone::PlaneSweep { planes } => {
             let (near, far) = stereo.depth_range(views)?;
-            let sweep = PlaneSweep { range: DepthRange::Known { near, far }, ..stereo };
+            let sweep = PlaneSweep { range: DepthRange::Known { near, far }, planes: *planes, ..stereo };
             (sweep.estimate(views, wanted)?, (near, far))
         }
         Backbone::DepthSplat(weights) => {
@@ -36,7 +36,7 @@ pub fn geometry(views: &[View], config: &Config, wanted: Wanted) -> Result<(Vec<
 /// If its weights cannot be read.
 pub fn identity(backbone: &Backbone) -> Result<String> {
     match backbone {
-        Backbone::GivenDepth | Backbone::PlaneSweep => Ok(format!("{backbone:?}")),
+        Backbone::GivenDepth | Backbone::PlaneSweep { .. } => Ok(format!("{backbone:?}")),
         Backbone::DepthSplat(weights) => network(weights, |network| Ok(network.schema().to_owned())),
     }
 }

@@ -1,4 +1,4 @@
-use depth_backbone::DepthRange;
+use depth_backbone::{DepthRange, PlaneSweep};
 use entropy_sampler::Sampler;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -30,7 +30,7 @@ impl Default for Config {
     /// 40k Gaussians by entropy from plane-sweep stereo, far shell on: the setting of our tables.
     fn default() -> Self {
         Self {
-            backbone: Backbone::PlaneSweep,
+            backbone: Backbone::default(),
             depth_range: DepthRange::Estimate,
             allocation: Allocation::Entropy,
             sampler: Sampler::Fixed,
@@ -49,10 +49,20 @@ impl Default for Config {
 pub enum Backbone {
     /// Measured depth that comes with the data.
     GivenDepth,
-    /// Multi-view stereo over inverse-depth planes.
-    PlaneSweep,
+    /// Multi-view stereo.
+    PlaneSweep {
+        /// Number of planes, evenly spaced in inverse depth.
+        planes: usize,
+    },
     /// DepthSplat's network with the weights in a file (feature `depthsplat`): the paper's backbone.
     DepthSplat(PathBuf),
+}
+
+impl Default for Backbone {
+    /// Stereo, which needs nothing but photographs.
+    fn default() -> Self {
+        Self::PlaneSweep { planes: PlaneSweep::default().planes }
+    }
 }
 
 /// Which pixels become Gaussians (the paper's sampling ablation), or how their number is brought down otherwise (the

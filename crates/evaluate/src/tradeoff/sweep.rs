@@ -23,6 +23,8 @@ pub enum Axis {
     Refinement,
     /// Size of the photographs that the pass is given; targets keep theirs.
     Resolution,
+    /// Planes of the stereo.
+    DepthPlanes,
     /// Where depth comes from: measured depth, which a real camera does not bring along.
     Backbone,
     /// Where the renderer stops looking.
@@ -47,6 +49,7 @@ impl Axis {
             Self::Sampler => "sampler",
             Self::Refinement => "refinement",
             Self::Resolution => "resolution",
+            Self::DepthPlanes => "depth planes",
             Self::Backbone => "backbone",
             Self::Renderer => "renderer",
         }
@@ -171,6 +174,14 @@ impl Extent {
         }
     }
 
+    fn planes(self) -> &'static [usize] {
+        match self {
+            Self::Quick => &[32],
+            Self::Full => &[16, 32, 64, 256],
+            Self::Paper => &[],
+        }
+    }
+
     fn cuts(self) -> &'static [(&'static str, Cuts)] {
         const USUAL: Cuts = Cuts { alpha_min: 1.0 / 255.0, transmittance_min: 1e-4 };
         const ALL: [(&str, Cuts); 4] = [
@@ -261,6 +272,12 @@ pub fn points(
         }
     }
     all.add(Axis::Resolution, "half-size", |point| point.shrink = 2);
+    if let Backbone::PlaneSweep { planes: usual } = config.backbone {
+        for &planes in extent.planes().iter().filter(|&&planes| planes != usual) {
+            let backbone = Backbone::PlaneSweep { planes };
+            all.vary(Axis::DepthPlanes, &format!("planes={planes}"), |config| config.backbone = backbone);
+        }
+    }
     // Learned heads work with the features of their backbone, and measured depth has none.
     if measured_depth && !learned && config.backbone != Backbone::GivenDepth {
         all.vary(Axis::Backbone, "given-depth", |config| config.backbone = Backbone::GivenDepth);

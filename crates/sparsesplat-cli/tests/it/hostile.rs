@@ -148,6 +148,8 @@ fn arguments_out_of_range() {
         (["--views", "0"], "--views"),
         (["--depth-range", "5,2"], "--depth-range"),
         (["--neighbours", "0"], "--neighbours"),
+        (["--depth-planes", "0"], "--depth-planes"),
+        (["--depth-planes", "1"], "planes"),
         (["--size", "0x3"], "--size"),
         (["--threads", "0"], "--threads"),
         (["--far-shell", "maybe"], "--far-shell"),
@@ -158,6 +160,8 @@ fn arguments_out_of_range() {
     refused(&tiny.reconstruct(&["--gaussians", "1k", "--tau", "1"]), &["cannot be used with"]);
     refused(&tiny.reconstruct(&["--refine", "5", "--refine-seconds", "1"]), &["cannot be used with"]);
     refused(&tiny.reconstruct(&["--refine", "-1"]), &["-1"]);
+    let planes_of_no_stereo = ["--backbone", "given-depth", "--depth-planes", "64"];
+    refused(&tiny.reconstruct(&planes_of_no_stereo), &["--depth-planes", "plane-sweep"]);
     refused(&tiny.reconstruct(&["--refine-seconds", "nan"]), &["--refine-seconds"]);
     refused(
         &call(&["eval", "--dataset", "simulated", "--refine-plot", "x.svg"]),

@@ -60,7 +60,7 @@ impl LearnedHead {
             crate::Head::ClosedForm | crate::Head::DepthSplat => Ok(None),
             crate::Head::Weights(path) => Self::read(path).map(Some),
             crate::Head::Default => match config.backbone {
-                Backbone::PlaneSweep => {
+                Backbone::PlaneSweep { .. } => {
                     Self::new(Weights::from_bytes(PLANE_SWEEP)?, PLANE_SWEEP_NAME).map(Some)
                 }
                 Backbone::GivenDepth | Backbone::DepthSplat(_) => Ok(None),
