@@ -109,6 +109,8 @@ pub struct Figures {
     pub ssim_held_out: f64,
     /// Mean LPIPS over the held-out targets, by [`crate::Evaluation::lpips_network`]; none without its weights.
     pub lpips_held_out: Option<f64>,
+    /// Mean over the held-out targets of the share of the squared error that the worst tenth of the pixels holds, 0..1.
+    pub error_in_worst_tenth: f64,
     /// Mean PSNR over the held-out targets and the context views.
     pub psnr_all: f64,
     /// Mean PSNR of the nearest context view, shown as it is, over the held-out targets.
@@ -137,6 +139,7 @@ impl Figures {
             psnr_held_out: mean(|f| f.psnr_held_out),
             ssim_held_out: mean(|f| f.ssim_held_out),
             lpips_held_out: optional_mean(all.iter().map(|f| f.lpips_held_out)),
+            error_in_worst_tenth: mean(|f| f.error_in_worst_tenth),
             psnr_all: mean(|f| f.psnr_all),
             psnr_nearest_view: mean(|f| f.psnr_nearest_view),
             psnr_held_out_feed_forward: mean(|f| f.psnr_held_out_feed_forward),
@@ -184,6 +187,9 @@ pub struct Target {
     pub ssim: f64,
     /// LPIPS; none without its weights.
     pub lpips: Option<f64>,
+    /// Share of the squared error that the worst tenth of the pixels holds, 0..1: high where a few surfaces are wrong, low where everything
+    /// is a little off.
+    pub error_in_worst_tenth: f64,
     /// PSNR before refinement, dB; none if there was none.
     pub psnr_feed_forward: Option<f64>,
     /// Name of the nearest context view.

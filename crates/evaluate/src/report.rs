@@ -174,17 +174,19 @@ fn targets(window: &Window, outcome: &Outcome, scale: DepthScale, limits: Pictur
     html.push_str("<span>A click enlarges a picture.</span></div>\n");
     let rows = window.targets.iter().zip(&outcome.renderings).zip(&outcome.figures.per_target);
     for ((view, rendering), target) in rows.take(shown) {
-        let Target { name, psnr, ssim, lpips, psnr_feed_forward, nearest_view, psnr_nearest_view } = target;
+        let Target { name, psnr, ssim, lpips, error_in_worst_tenth, .. } = target;
+        let Target { psnr_feed_forward, nearest_view, psnr_nearest_view, .. } = target;
         let before = psnr_feed_forward
             .map_or(String::new(), |before| format!("; before refinement {} dB", decibel(before)));
         let lpips = lpips.map_or(String::new(), |lpips| format!(", LPIPS {}", number(lpips, 3)));
         let _ = write!(
             html,
-            "<p class=\"target\">{} &nbsp; {} dB, SSIM {}{lpips}{before} <span>(nearest photograph, {}, shown as it is: {} dB)</span></p>\n\
+            "<p class=\"target\">{} &nbsp; {} dB, SSIM {}{lpips}{before} <span>({:.0} % of the squared error in a tenth of the pixels; nearest photograph, {}, shown as it is: {} dB)</span></p>\n\
              <div class=\"row four\">\n",
             escape(name),
             decibel(*psnr),
             number(*ssim, 3),
+            100.0 * error_in_worst_tenth,
             escape(nearest_view),
             decibel(*psnr_nearest_view)
         );

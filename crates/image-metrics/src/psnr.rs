@@ -30,3 +30,49 @@ pub fn psnr_rgb(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<f64
     let mean = rows.iter().sum::<f64>() / a.len() as f64;
     Ok(-10.0 * mean.log10())
 }
+
+/// Share of the squared error that lies in the worst `part` of the pixels, 0..1, both pictures clipped to 0..1: near 1 where a few
+/// surfaces are wrong, near `part` where everything is off alike. 0 for equal pictures.
+///
+/// # Errors
+/// If the sizes differ or a value is not finite.
+///
+/// # Panics
+/// If `part` is not in 0..=1.
+pub fn error_share(a: &Image, b: &Image, part: f64) -> Result<f64> {
+    assert!((0.0..=1.0).contains(&part), "a part of {part}");
+    same_size(a, b)?;
+    finite("first", a.data(), a.width(), a.height(), 1)?;
+    finite("second", b.data(), b.width(), b.height(), 1)?;
+    let clip = |value: f32| f64::from(value.clamp(0.0, 1.0));
+    let square = |(a, b): (&[f32], &[f32])| -> f64 {
+        a.iter().zip(b).map(|(&a, &b)| (clip(a) - clip(b)).powi(2)).sum()
+    };
+    let mut squares: Vec<f64> = a.data().chunks(3).zip(b.data().chunks(3)).map(square).collect();
+    squares.sort_unstable_by(|a, b| b.total_cmp(a));
+    let worst = (part * squares.len() as f64).round() as usize;
+    let (of_worst, all): (f64, f64) = (squares[..worst].iter().sum(), squares.iter().sum());
+    Ok(if all > 0.0 { of_worst / all } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_share_of_the_worst_is_that_of_errors_that_are_known() {
+        let black = Image::filled(10, 10, [0.0; 3]).unwrap();
+        assert_eq!(error_share(&black, &black, 0.1).unwrap(), 0.0);
+        let alike = Image::filled(10, 10, [0.5; 3]).unwrap();
+        assert!((error_share(&black, &alike, 0.1).unwrap() - 0.1).abs() < 1e-12);
+        // Ten pixels beyond white, which count as white, ninety of a third: 10 of 10 + 90 / 9.
+        let mut values = vec![1.0f32 / 3.0; 300];
+        values[120..150].fill(7.0);
+        let mixed = Image::new(10, 10, values).unwrap();
+        assert!((error_share(&black, &mixed, 0.1).unwrap() - 0.5).abs() < 1e-6);
+        assert_eq!(error_share(&mixed, &black, 1.0).unwrap(), 1.0);
+        assert_eq!(error_share(&mixed, &black, 0.0).unwrap(), 0.0);
+        let small = Image::filled(9, 10, [0.0; 3]).unwrap();
+        assert!(error_share(&black, &small, 0.1).is_err());
+    }
+}

@@ -153,6 +153,7 @@ impl Extent {
     fn rival_budgets(self, allocation: Allocation) -> &'static [usize] {
         match (self, allocation) {
             (Self::Quick, Allocation::Merged) => &[],
+            (Self::Full, Allocation::Merged) => &PAPER_COUNTS,
             (Self::Quick, _) => &[2_000, 10_000],
             _ => self.budgets(),
         }
