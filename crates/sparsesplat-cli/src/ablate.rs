@@ -1,7 +1,7 @@
 //! `ablate`: the paper's ablations, each row trained alike.
 
-use crate::arguments::{Common, LpipsWeights, gaussians, positive};
-use crate::failure::{OrFail, Outcome};
+use crate::arguments::{Common, LpipsWeights, gaussians, positive, size};
+use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::summary::{print, print_line};
 use crate::train::{Data, Run, config, simulated};
@@ -9,8 +9,8 @@ use crate::{device, output, threads};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
 use evaluate::{
-    Dropped, Event, GeometryCache, Lpips, Method, Plan, Reading, Recipe, SIMULATED_SIZE, Spread, Table,
-    Windows, evaluate, lpips_column,
+    Dropped, Event, GeometryCache, Lpips, Method, Plan, Reading, Recipe, Spread, Table, Windows, evaluate,
+    lpips_column,
 };
 use serde::Serialize;
 use sparsesplat::{Allocation, Budget, Head};
@@ -24,12 +24,16 @@ use train::{Config, Trainer};
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     sparsesplat ablate head -o ablation --steps 1000\n  \
-    sparsesplat ablate neighbours -o ablation --steps 1000 --root photographs --json neighbours.json\n\n\
+    sparsesplat ablate head -o ablation --rows attention,mlp --training-seeds 0,1,2\n  \
+    sparsesplat ablate neighbours -o ablation --steps 1000 --photographs data --json neighbours.json\n\n\
     Rows that differ in nothing from those of another ablation are trained once: they share a folder in --output.")]
 pub(crate) struct Arguments {
     /// What is varied
     #[arg(value_enum)]
     what: What,
+    /// Only these rows, as the table calls them [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    rows: Vec<String>,
     /// Folder for the rows' checkpoints and weights
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -51,6 +55,9 @@ pub(crate) struct Arguments {
     /// Generated scenes to measure on, seeds 0, 1, ...
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = 8)]
     evaluation_scenes: usize,
+    /// Size of their pictures
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = "480x320")]
+    evaluation_size: (usize, usize),
     /// Photographs to measure on as well: folder of a scene, or of several
     #[arg(long, value_name = "DIR")]
     photographs: Option<PathBuf>,
@@ -105,6 +112,20 @@ impl What {
     }
 }
 
+impl Arguments {
+    /// The rows that are asked for.
+    fn wanted(&self) -> Outcome<Vec<Row>> {
+        let mut rows = self.what.rows();
+        let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
+        if let Some(unknown) = self.rows.iter().find(|asked| !names.contains(&asked.as_str())) {
+            let names = names.join(", ");
+            return Err(Failure::input(format!("--rows: there is no {unknown}, but {names}")));
+        }
+        rows.retain(|row| self.rows.is_empty() || self.rows.iter().any(|asked| asked == row.name));
+        Ok(rows)
+    }
+}
+
 /// A row as measured on one set of scenes.
 #[derive(Serialize)]
 struct Measured {
@@ -149,18 +170,19 @@ struct Settings<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    let wanted = arguments.wanted()?;
     let mut base = config(arguments.config.as_deref())?;
     base.steps = arguments.steps.unwrap_or(base.steps);
     output::check_folder(&arguments.output)?;
     let lpips = arguments.lpips.read()?;
     let lpips_network = lpips.as_ref().map(|lpips| lpips.network().name());
     let cases = arguments.data.cases(&arguments.data.plans()?)?;
-    let mut sets = vec![("simulated", simulated(0, arguments.evaluation_scenes, SIMULATED_SIZE))];
+    let mut sets = vec![("simulated", simulated(0, arguments.evaluation_scenes, arguments.evaluation_size))];
     let mut dropped = Vec::new();
     if let Some(root) = &arguments.photographs {
         let reading = Reading { format: None, size: None, depth_hint: true };
-        let (plans, unread) = Plan::below(root, Windows { views: 6, along: None }, reading)
-            .map_err(crate::failure::Failure::sorted)?;
+        let (plans, unread) =
+            Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
         sets.push(("photographs", plans));
         dropped.extend(unread);
     }
@@ -168,7 +190,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         *plans = plans.drain(..).map(Plan::kept_in_memory).collect();
     }
     let mut rows = Vec::new();
-    for row in arguments.what.rows() {
+    for row in wanted {
         for &seed in &arguments.training_seeds {
             let mut config = Config { seed, ..base.clone() };
             (row.vary)(&mut config);
@@ -204,7 +226,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     match dropped.iter().filter(|dropped| dropped.failed).count() {
         0 => Ok(()),
-        n => Err(crate::failure::Failure::work(format!("{n} windows were dropped and are not in the means"))),
+        n => Err(Failure::work(format!("{n} windows were dropped and are not in the means"))),
     }
 }
 

@@ -97,3 +97,38 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
         "{stderr}"
     );
 }
+
+#[test]
+fn rows_of_an_ablation_are_trained_once_and_measured_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (config, json) = (at("short.ron"), at("rows.json"));
+    fs::write(&config, "(steps: 1, batch: 1, density: (0.05, 0.1), targets: 1, contexts: 0)").unwrap();
+    let (output, cache) = (at("rows"), at("cache"));
+    let ablate = |rows: &str| {
+        let mut words = vec!["ablate", "neighbours", "--rows", rows, "-o", text(&output)];
+        words.extend(["--config", text(&config), "--cache", text(&cache), "--json", text(&json)]);
+        words.extend(["--size", "96x64", "--scenes", "1", "--evaluation-size", "96x64", "--device", "cpu"]);
+        words.extend(["--evaluation-scenes", "1", "--gaussians", "500", "--seeds", "0,1"]);
+        call(&words)
+    };
+    let Called { code, stderr, .. } = ablate("K=0,K=7");
+    assert!(code == Some(2) && stderr.contains("K=7") && stderr.contains("K=30"), "{stderr}");
+    ablate("K=0,K=5").succeeded();
+    let rows = read_json(&json)["rows"].clone();
+    for (row, neighbours) in rows.as_array().unwrap().iter().zip([0, 5]) {
+        assert!(
+            row["neighbours"] == neighbours && row["steps"] == 1 && row["gaussians"].as_f64() == Some(500.0),
+            "{row}"
+        );
+        assert!(row["psnr_held_out"].as_f64().unwrap() > 5.0 && row["spread"].is_object(), "{row}");
+        let trained = output.join(format!("attention-entropy-k{neighbours}-seed0/weights.safetensors"));
+        assert!(trained.exists(), "{}", trained.display());
+    }
+    // What is trained stays as it is; figures are those of before.
+    let before = values(&output.join("attention-entropy-k5-seed0/weights.safetensors"));
+    ablate("K=5").succeeded();
+    assert_eq!(values(&output.join("attention-entropy-k5-seed0/weights.safetensors")), before);
+    let again = &read_json(&json)["rows"][0];
+    assert_eq!(again["psnr_held_out"], rows[1]["psnr_held_out"]);
+}
