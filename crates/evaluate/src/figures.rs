@@ -109,6 +109,9 @@ pub struct Figures {
     pub ssim_held_out: f64,
     /// Mean LPIPS over the held-out targets, by [`crate::Evaluation::lpips_network`]; none without its weights.
     pub lpips_held_out: Option<f64>,
+    /// `psnr_held_out` after a gain and bias per channel that are fitted to the target: what is left when exposure is no error. In no
+    /// table: all else here is fitted to nothing.
+    pub psnr_colour_corrected: f64,
     /// Mean over the held-out targets of the share of the squared error that the worst tenth of the pixels holds, 0..1.
     pub error_in_worst_tenth: f64,
     /// Mean PSNR over the held-out targets and the context views.
@@ -139,6 +142,7 @@ impl Figures {
             psnr_held_out: mean(|f| f.psnr_held_out),
             ssim_held_out: mean(|f| f.ssim_held_out),
             lpips_held_out: optional_mean(all.iter().map(|f| f.lpips_held_out)),
+            psnr_colour_corrected: mean(|f| f.psnr_colour_corrected),
             error_in_worst_tenth: mean(|f| f.error_in_worst_tenth),
             psnr_all: mean(|f| f.psnr_all),
             psnr_nearest_view: mean(|f| f.psnr_nearest_view),
@@ -187,6 +191,8 @@ pub struct Target {
     pub ssim: f64,
     /// LPIPS; none without its weights.
     pub lpips: Option<f64>,
+    /// PSNR after a gain and bias per channel that are fitted to the target, dB.
+    pub psnr_colour_corrected: f64,
     /// Share of the squared error that the worst tenth of the pixels holds, 0..1: high where a few surfaces are wrong, low where everything
     /// is a little off.
     pub error_in_worst_tenth: f64,

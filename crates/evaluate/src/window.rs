@@ -6,7 +6,7 @@ use crate::render::{Rendered, render_view};
 use crate::{Error, Method, Result};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, Image, View};
-use image_metrics::{Lpips, error_share, psnr, ssim};
+use image_metrics::{Lpips, error_share, psnr, psnr_colour_corrected, ssim};
 use sparsesplat::{Prediction, Stage};
 use std::time::Instant;
 
@@ -172,6 +172,7 @@ pub fn run_window(
             psnr: compare(psnr, target, &rendered.image)?,
             ssim: compare(ssim, target, &rendered.image)?,
             lpips: lpips_of(lpips, target, &rendered.image)?,
+            psnr_colour_corrected: compare(psnr_colour_corrected, target, &rendered.image)?,
             error_in_worst_tenth: compare(|a, b| error_share(a, b, 0.1), target, &rendered.image)?,
             psnr_feed_forward: before.get(i).map(|(psnr, _)| *psnr),
             nearest_view: nearest.name().to_owned(),
@@ -188,6 +189,7 @@ pub fn run_window(
     means.psnr_held_out = mean(targets.iter().map(|target| target.psnr));
     means.ssim_held_out = mean(targets.iter().map(|target| target.ssim));
     means.lpips_held_out = optional_mean(targets.iter().map(|target| target.lpips));
+    means.psnr_colour_corrected = mean(targets.iter().map(|target| target.psnr_colour_corrected));
     means.error_in_worst_tenth = mean(targets.iter().map(|target| target.error_in_worst_tenth));
     means.psnr_held_out_feed_forward = mean(before.iter().map(|(psnr, _)| *psnr));
     means.ssim_held_out_feed_forward = mean(before.iter().map(|(_, ssim)| *ssim));

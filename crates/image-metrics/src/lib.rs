@@ -10,5 +10,5 @@ mod ssim;
 pub use error::{Error, Result};
 #[cfg(feature = "lpips")]
 pub use lpips::{Lpips, LpipsNetwork, LpipsTarget, WeightFault, WeightProblem};
-pub use psnr::{error_share, psnr, psnr_rgb};
+pub use psnr::{error_share, psnr, psnr_colour_corrected, psnr_rgb};
 pub use ssim::{SSIM_WINDOW, SsimScratch, SsimTarget, ssim, ssim_rgb};

@@ -43,10 +43,10 @@ fn the_gradient_of_the_chain_is_that_of_differences() {
             trainer.pass(0).unwrap().loss
         };
         // Where two Gaussians change places, or a footprint ends because it becomes too faint, the loss has a step that no derivative
-        // knows of. A large one falls into one of the pieces, and their median does not see it; small ones in every piece remain,
-        // most with pooling, whose outputs are the largest.
+        // knows of. A large one falls into one of the pieces, and their median does not see it; small ones that lie in every piece remain:
+        // 3 to 4 % with pooling.
         let piece = 2e-4;
-        let values: Vec<f64> = (-7..=8).map(|i| value(piece * (f64::from(i) - 0.5))).collect();
+        let values: Vec<f64> = (-5..=6).map(|i| value(piece * (f64::from(i) - 0.5))).collect();
         let mut slopes: Vec<f64> = values.windows(2).map(|pair| (pair[1] - pair[0]) / piece).collect();
         slopes.sort_by(f64::total_cmp);
         let tolerance = if head == Kind::MaxPool { 0.05 } else { 0.02 };
