@@ -23,6 +23,9 @@ const NEAR_MARGIN: f64 = 0.8;
 /// Stereo searches up to this times the far end of the range: nothing that it finds is farther.
 pub const FAR_MARGIN: f64 = 1.25;
 
+/// Every pixel of every view has a cost per plane: more than this is a mistake that would fill the memory.
+const MOST_PLANES: usize = 4096;
+
 /// Planes evenly spaced in inverse depth, from far to near.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Planes {
@@ -37,8 +40,8 @@ impl Planes {
         if !(near > 0.0 && near < far && far.is_finite()) {
             return Err(Error::Range { near, far });
         }
-        if count < 2 {
-            return Err(Error::Setting { setting: "planes", found: count as f64, expected: "2 or more" });
+        if !(2..=MOST_PLANES).contains(&count) {
+            return Err(Error::Setting { setting: "planes", found: count as f64, expected: "2 to 4096" });
         }
         Ok(Self::between(1.0 / (far * FAR_MARGIN), 1.0 / (near * NEAR_MARGIN), count))
     }

@@ -150,6 +150,7 @@ fn arguments_out_of_range() {
         (["--neighbours", "0"], "--neighbours"),
         (["--depth-planes", "0"], "--depth-planes"),
         (["--depth-planes", "1"], "planes"),
+        (["--depth-planes", "1000000000"], "planes"),
         (["--size", "0x3"], "--size"),
         (["--threads", "0"], "--threads"),
         (["--far-shell", "maybe"], "--far-shell"),
