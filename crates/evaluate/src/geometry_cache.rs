@@ -1,6 +1,6 @@
 //! What a frozen backbone says of views, kept on disk: an evaluation and a training of the same views ask it once.
 
-use crate::hash::of_context;
+use crate::hash::of_views;
 use crate::{Error, Result};
 use gs_scene::{DepthMap, FeatureMap, Gaussians, View, write_atomically};
 use half::f16;
@@ -11,7 +11,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Changes when the layout of a file or what a backbone computes does.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// A folder of files, each what one backbone with its settings says of the context views of one window.
 ///
@@ -59,7 +59,7 @@ impl GeometryCache {
     /// If the backbone's weights cannot be read.
     pub fn path(&self, name: &str, views: &[View], config: &Config, wanted: Wanted) -> Result<PathBuf> {
         let backbone = backbone_identity(&config.backbone)?;
-        let key = of_context(&format!("{VERSION}\n{backbone}\n{:?}\n{wanted:?}", config.depth_range), views);
+        let key = of_views(&format!("{VERSION}\n{backbone}\n{:?}\n{wanted:?}", config.depth_range), views);
         let name = name.replace(['/', '\\'], "-");
         Ok(self.folder.join(format!("{name}-{}.geometry.safetensors", &key[..16])))
     }

@@ -1,7 +1,7 @@
 //! What tells one set of views from another.
 
 use crate::Window;
-use gs_scene::View;
+use gs_scene::{DepthMap, View};
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
@@ -12,8 +12,21 @@ impl Window {
     pub fn sha256(&self) -> String {
         let mut hash = Sha256::new();
         hash.update((self.context.len() as u64).to_le_bytes());
-        self.context.iter().chain(&self.targets).for_each(|view| add_view(&mut hash, view));
-        hexadecimal(hash)
+        for view in self.context.iter().chain(&self.targets) {
+            add_camera(&mut hash, view);
+            hash.update(view.image().to_rgb8());
+        }
+        hexadecimal(&hash.finalize())
+    }
+
+    /// SHA-256 of everything that a method or a training could see: cameras, and pictures and depth to the last bit.
+    #[must_use]
+    pub fn exact_sha256(&self) -> String {
+        of_all(
+            [of_views("context", &self.context), of_views("targets", &self.targets)]
+                .iter()
+                .map(String::as_str),
+        )
     }
 }
 
@@ -22,28 +35,31 @@ impl Window {
 /// # Errors
 /// If it cannot be read.
 pub fn file_sha256(path: &Path) -> std::io::Result<String> {
-    Ok(hexadecimal(Sha256::new_with_prefix(std::fs::read(path)?)))
+    Ok(hexadecimal(&Sha256::digest(std::fs::read(path)?)))
 }
 
 /// SHA-256 of several.
 pub(crate) fn of_all<'a>(hashes: impl Iterator<Item = &'a str>) -> String {
     let mut all = Sha256::new();
     hashes.for_each(|hash| all.update(hash.as_bytes()));
-    hexadecimal(all)
+    hexadecimal(&all.finalize())
 }
 
-/// SHA-256 of settings and of the views that a method sees.
-pub(crate) fn of_context(settings: &str, views: &[View]) -> String {
+/// SHA-256 of settings and of the views that a method sees, pictures and depth to the last bit.
+pub(crate) fn of_views(settings: &str, views: &[View]) -> String {
     let mut hash = Sha256::new_with_prefix(settings);
     for view in views {
-        add_view(&mut hash, view);
-        // A method may see measured depth, where there is any.
-        view.depth().into_iter().flat_map(|depth| depth.data()).for_each(|d| hash.update(d.to_le_bytes()));
+        add_camera(&mut hash, view);
+        let depth = view.depth().map_or(&[][..], DepthMap::data);
+        for values in [view.image().data(), depth] {
+            hash.update((values.len() as u64).to_le_bytes());
+            values.iter().for_each(|value| hash.update(value.to_le_bytes()));
+        }
     }
-    hexadecimal(hash)
+    hexadecimal(&hash.finalize())
 }
 
-fn add_view(hash: &mut Sha256, view: &View) {
+fn add_camera(hash: &mut Sha256, view: &View) {
     let (camera, lens) = (view.camera(), view.camera().intrinsics());
     hash.update((lens.width as u64).to_le_bytes());
     hash.update((lens.height as u64).to_le_bytes());
@@ -53,9 +69,9 @@ fn add_view(hash: &mut Sha256, view: &View) {
         // Layouts round differently in the last digits, and have zeros of either sign; that does not make other data.
         hash.update(((number * 1e6).round() as i64).to_le_bytes());
     }
-    hash.update(view.image().to_rgb8());
 }
 
-fn hexadecimal(hash: Sha256) -> String {
-    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+/// Bytes as they are written.
+pub fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

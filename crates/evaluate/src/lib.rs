@@ -32,7 +32,7 @@ pub use figures::{
     CurvePoint, Dropped, Figures, MeanRow, Seconds, Spread, Target, WindowFigures, WindowRow, means,
 };
 pub use geometry_cache::GeometryCache;
-pub use hash::file_sha256;
+pub use hash::{file_sha256, hexadecimal};
 pub use image_metrics::Lpips;
 pub use method::{Method, Refinement};
 pub use picture::{DepthScale, ERROR_GAIN, Picture};

@@ -33,19 +33,20 @@ pub fn refinement_plot(windows: &[WindowRow]) -> String {
     svg(SIZE, |area| draw(area, &lines, scenes))
 }
 
-/// Point by point mean of curves, as far as all of them go.
+/// Mean of curves at the steps that all of them have.
 fn mean_curve(curves: &[&[CurvePoint]]) -> Vec<CurvePoint> {
-    let length = curves.iter().map(|curve| curve.len()).min().unwrap_or(0);
-    let at = |i: usize| {
-        let of = |value: fn(&CurvePoint) -> f64| mean(curves.iter().map(|curve| value(&curve[i])));
-        CurvePoint {
-            step: curves[0][i].step,
+    let at = |step: usize| {
+        let points = curves.iter().map(|curve| curve.iter().find(|point| point.step == step));
+        let points: Vec<&CurvePoint> = points.collect::<Option<_>>()?;
+        let of = |value: fn(&CurvePoint) -> f64| mean(points.iter().map(|point| value(point)));
+        Some(CurvePoint {
+            step,
             seconds: of(|p| p.seconds),
             psnr_context: of(|p| p.psnr_context),
             psnr_held_out: of(|p| p.psnr_held_out),
-        }
+        })
     };
-    (0..length).map(at).collect()
+    curves.first().into_iter().flat_map(|curve| curve.iter()).filter_map(|point| at(point.step)).collect()
 }
 
 /// `scenes` of the lines are scenes, one more would be their mean.
@@ -106,6 +107,14 @@ mod tests {
         let curve = |w: &WindowRow| w.seeds[0].refinement.as_ref().unwrap().curve.clone();
         let mean = mean_curve(&[&curve(&a), &curve(&b)]);
         assert_eq!(mean.iter().map(|p| p.psnr_held_out).collect::<Vec<_>>(), [19.0, 21.0]);
+        // One that ran out of time between two marks.
+        let mut late = curve(&b);
+        late[1].step = 2;
+        let mean = mean_curve(&[&curve(&a), &late]);
+        assert_eq!(
+            mean.iter().map(|p| (p.step, p.psnr_held_out)).collect::<Vec<_>>(),
+            [(0, 19.0), (2, 21.5)]
+        );
     }
 
     #[test]

@@ -29,7 +29,7 @@ impl<C: Serialize> Recipe<C> {
     #[must_use]
     pub fn of_this_run(seed: u64, threads: usize, config: C) -> Self {
         Self {
-            command: std::env::args().collect(),
+            command: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect(),
             git: git_commit(),
             seed,
             threads,

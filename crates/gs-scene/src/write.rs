@@ -1,5 +1,5 @@
 use crate::{Error, Result};
-use std::fs::{self, File};
+use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
@@ -18,24 +18,20 @@ pub fn write_atomically(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::i
         path: path.to_path_buf(),
         source: std::io::Error::from(std::io::ErrorKind::InvalidFilename),
     })?;
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        fs::create_dir_all(folder).map_err(fail("make the folder", folder))?;
-    }
-    let mut temporary = file_name.to_os_string();
-    temporary.push(format!(".{}.tmp", std::process::id()));
-    let temporary = path.with_file_name(temporary);
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).map_err(fail("make the folder", folder))?;
     let written = (|| {
-        let mut writer = BufWriter::with_capacity(1 << 20, File::create(&temporary)?);
+        let mut temporary = tempfile::Builder::new();
+        temporary.prefix(file_name).suffix(".tmp");
+        // What anybody may read by the process's mask: of itself a temporary file is its owner's alone.
+        #[cfg(unix)]
+        temporary.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut writer = BufWriter::with_capacity(1 << 20, temporary.tempfile_in(folder)?);
         fill(&mut writer)?;
-        writer.flush()
-    })()
-    .map_err(fail("write", path))
-    .and_then(|()| fs::rename(&temporary, path).map_err(fail("write", path)));
-    if written.is_err() {
-        // The first error is the one to report; a temporary file that was never made cannot be removed either.
-        let _ = fs::remove_file(&temporary);
-    }
-    written
+        writer.into_inner()?.persist(path)?;
+        Ok(())
+    })();
+    written.map_err(fail("write", path))
 }
 
 #[cfg(test)]
@@ -54,6 +50,33 @@ mod tests {
         assert!(failed.unwrap_err().to_string().ends_with("file.txt: cannot write"));
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_has_the_permissions_of_any_other() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (ours, plain) = (folder.path().join("ours"), folder.path().join("plain"));
+        write_atomically(&ours, |w| w.write_all(b"x")).unwrap();
+        fs::write(&plain, b"x").unwrap();
+        let mode = |path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&ours), mode(&plain));
+    }
+
+    #[test]
+    fn two_writers_at_once_leave_one_whole_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        write_atomically(&path, |outer| {
+            outer.write_all(b"outer")?;
+            write_atomically(&path, |inner| inner.write_all(b"inner")).unwrap();
+            assert_eq!(fs::read(&path).unwrap(), b"inner");
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"outer");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]

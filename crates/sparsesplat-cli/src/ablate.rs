@@ -1,16 +1,17 @@
 //! `ablate`: the paper's ablations, each row trained alike.
 
-use crate::arguments::{Common, LpipsWeights, gaussians, positive, size};
+use crate::arguments::{Common, LpipsWeights, gaussians, positive, scenes, seeds, size};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
+use crate::source::simulated;
 use crate::summary::{print, print_line};
-use crate::train::{Data, Run, config, simulated};
+use crate::train::{Data, Run, SAVE_EVERY, config};
 use crate::{device, output, threads};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
 use evaluate::{
     Dropped, Event, GeometryCache, Lpips, Method, Plan, Reading, Recipe, Spread, Table, Windows, evaluate,
-    lpips_column,
+    lpips_column, number,
 };
 use serde::Serialize;
 use sparsesplat::{Allocation, Budget, Head};
@@ -53,7 +54,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "COUNT", value_parser = gaussians, default_value = "40k")]
     gaussians: usize,
     /// Generated scenes to measure on, seeds 0, 1, ...
-    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 8)]
+    #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 8)]
     evaluation_scenes: usize,
     /// Size of their pictures
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "480x320")]
@@ -176,14 +177,19 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     output::check_folder(&arguments.output)?;
     let lpips = arguments.lpips.read()?;
     let lpips_network = lpips.as_ref().map(|lpips| lpips.network().name());
+    let held_out = 0..arguments.evaluation_scenes as u64;
+    arguments.data.keep_unseen(&held_out, "measured")?;
     let cases = arguments.data.cases(&arguments.data.plans()?)?;
-    let mut sets = vec![("simulated", simulated(0, arguments.evaluation_scenes, arguments.evaluation_size))];
+    let mut sets = vec![("simulated", simulated(held_out, arguments.evaluation_size))];
     let mut dropped = Vec::new();
     if let Some(root) = &arguments.photographs {
         let reading = Reading { format: None, size: None, depth_hint: true };
         let (plans, unread) =
             Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
         sets.push(("photographs", plans));
+        for unread in &unread {
+            eprintln!("warning: dropped {}: {}", unread.name, unread.reason);
+        }
         dropped.extend(unread);
     }
     for (_, plans) in &mut sets {
@@ -191,7 +197,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     let mut rows = Vec::new();
     for row in wanted {
-        for &seed in &arguments.training_seeds {
+        for seed in seeds(&arguments.training_seeds) {
             let mut config = Config { seed, ..base.clone() };
             (row.vary)(&mut config);
             let head = serde_json::to_value(config.head).or_work()?;
@@ -200,7 +206,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             let folder = arguments.output.join(name);
             output::check_folder(&folder)?;
             print_line(&format!("training   {} (seed {seed}), {} steps", row.name, config.steps));
-            let run = Run { folder: &folder, validation: None, save_every: 50, resume: true };
+            let run = Run { folder: &folder, validation: None, save_every: SAVE_EVERY, resume: true };
             let mut trainer =
                 Trainer::new(config.clone(), cases.clone(), device::rasterizer(common.device)?).or_work()?;
             run.complete(&mut trainer)?;
@@ -214,7 +220,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let settings = Settings {
         what: arguments.what,
         training: &base,
-        seeds: &arguments.seeds,
+        seeds: &seeds(&arguments.seeds),
         gaussians: arguments.gaussians,
         data_sha256: cases.sha256(),
     };
@@ -226,7 +232,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     match dropped.iter().filter(|dropped| dropped.failed).count() {
         0 => Ok(()),
-        n => Err(Failure::work(format!("{n} windows were dropped and are not in the means"))),
+        n => Err(Failure::work(format!(
+            "{n} windows were dropped and are not in the means: rows that lack different ones do not compare"
+        ))),
     }
 }
 
@@ -261,25 +269,31 @@ impl Trained<'_> {
             budget: Budget::Gaussians(arguments.gaussians),
             ..sparsesplat::Config::default()
         };
+        let seeds = seeds(&arguments.seeds);
         let mut rasterizer = device::rasterizer(common.device)?;
-        let progress = Progress::new(2 * plans.len() * arguments.seeds.len());
-        let mut figures = |head: Head| {
+        let progress = Progress::new(2 * plans.len() * seeds.len());
+        let mut figures = |head: Head, name: &str| {
             let cache = Some(GeometryCache { folder: arguments.data.cache.clone() });
             let method = Method { cache, ..Method::feed_forward(with(head)) };
             let mut running = String::new();
-            evaluate(plans, &method, &arguments.seeds, lpips, &mut rasterizer, &mut |event| match event {
-                Event::Run { name, seed } => running = format!("{}: {name} (seed {seed})", self.row.name),
-                Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
-                Event::Done { .. } => progress.step(),
-                Event::Dropped(dropped) => {
-                    progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
-                }
-                _ => {}
-            })
+            let mut found =
+                evaluate(plans, &method, &seeds, lpips, &mut rasterizer, &mut |event| match event {
+                    Event::Run { name, seed } => running = format!("{}: {name} (seed {seed})", self.row.name),
+                    Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
+                    Event::Done { .. } => progress.step(),
+                    Event::Dropped(dropped) => {
+                        progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
+                    }
+                    _ => {}
+                });
+            for lost in found.dropped.drain(..) {
+                let name = format!("{} of {}, {name}", lost.name, self.row.name);
+                dropped.push(Dropped { name, ..lost });
+            }
+            found.mean
         };
-        let learned = figures(Head::Weights(self.weights.clone()));
-        let closed = figures(Head::ClosedForm);
-        dropped.extend(learned.dropped);
+        let learned = figures(Head::Weights(self.weights.clone()), "trained head");
+        let closed = figures(Head::ClosedForm, "closed form");
         Ok(Measured {
             row: self.row.name.to_owned(),
             training_seed: self.config.seed,
@@ -289,12 +303,12 @@ impl Trained<'_> {
             allocation: self.config.allocation,
             steps: self.config.steps,
             steps_skipped: self.skipped,
-            gaussians: learned.mean.figures.gaussians,
-            psnr_held_out: learned.mean.figures.psnr_held_out,
-            ssim_held_out: learned.mean.figures.ssim_held_out,
-            lpips_held_out: learned.mean.figures.lpips_held_out,
-            spread: learned.mean.spread,
-            psnr_closed_form: closed.mean.figures.psnr_held_out,
+            gaussians: learned.figures.gaussians,
+            psnr_held_out: learned.figures.psnr_held_out,
+            ssim_held_out: learned.figures.ssim_held_out,
+            lpips_held_out: learned.figures.lpips_held_out,
+            spread: learned.spread,
+            psnr_closed_form: closed.figures.psnr_held_out,
             psnr_paper: self.row.paper.map(|[psnr, _, _]| psnr),
             ssim_paper: self.row.paper.map(|[_, ssim, _]| ssim),
             lpips_paper: self.row.paper.map(|[_, _, lpips]| lpips),
@@ -327,13 +341,11 @@ fn table(rows: &[Measured], lpips_network: Option<&str>) -> Table {
             row.row.clone(),
             row.training_seed.to_string(),
             row.scenes.to_owned(),
-            format!("{:.2}", row.psnr_held_out),
-            row.spread
-                .as_ref()
-                .map_or_else(|| "-".to_owned(), |spread| format!("{:.3}", spread.psnr_held_out)),
-            format!("{:.3}", row.ssim_held_out),
-            row.lpips_held_out.map_or_else(|| "-".to_owned(), |lpips| format!("{lpips:.3}")),
-            format!("{:.2}", row.psnr_closed_form),
+            number(row.psnr_held_out, 2),
+            number(row.spread.as_ref().map_or(f64::NAN, |spread| spread.psnr_held_out), 3),
+            number(row.ssim_held_out, 3),
+            number(row.lpips_held_out.unwrap_or(f64::NAN), 3),
+            number(row.psnr_closed_form, 2),
             row.steps_skipped.to_string(),
             or_fail(row.psnr_paper, 2),
             or_fail(row.ssim_paper, 3),

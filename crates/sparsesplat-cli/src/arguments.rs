@@ -3,6 +3,7 @@
 use crate::checkpoints;
 use crate::failure::{Failure, OrFail, Outcome};
 use attn_head::Weights;
+use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use evaluate::{Lpips, Method};
 use refine::Stop;
@@ -296,6 +297,22 @@ pub(crate) fn gaussians(text: &str) -> Result<usize, String> {
 /// A whole number above 0.
 pub(crate) fn positive(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&number| number > 0).ok_or_else(|| "expected a whole number above 0".to_owned())
+}
+
+/// A number of generated scenes, at least so many.
+pub(crate) fn scenes(least: u64) -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(least..=100_000)
+}
+
+/// Seeds, each once.
+pub(crate) fn seeds(all: &[u64]) -> Vec<u64> {
+    let mut seeds = Vec::new();
+    for &seed in all {
+        if !seeds.contains(&seed) {
+            seeds.push(seed);
+        }
+    }
+    seeds
 }
 
 fn tau(text: &str) -> Result<f64, String> {

@@ -1,6 +1,6 @@
 //! `eval`: tables of figures on data sets.
 
-use crate::arguments::{Common, LpipsWeights, Pipeline, Range};
+use crate::arguments::{Common, LpipsWeights, Pipeline, Range, scenes, seeds};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
@@ -40,8 +40,8 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     source: Source,
     /// With simulated: so many generated scenes (seeds 0, 1, ...) beside the scene of the demo
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    scenes: u64,
+    #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0)]
+    scenes: usize,
     /// Seeds of the sampling; with several the table shows mean and spread
     #[arg(long, value_delimiter = ',', default_value = "0")]
     seeds: Vec<u64>,
@@ -83,8 +83,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             return Err(Failure::input("--refine-plot needs --refine STEPS or --refine-seconds S"));
         }
     }
-    let mut seeds = arguments.seeds.clone();
-    seeds.dedup();
+    let seeds = seeds(&arguments.seeds);
     let depth_hint = arguments.pipeline.depth_range == Range::Hint;
     let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint)?;
     let Planned { plans, dropped: unread, reading } = planned;

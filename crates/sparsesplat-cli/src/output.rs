@@ -11,9 +11,9 @@ pub(crate) fn check_folder(folder: &Path) -> Outcome {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let cannot = || format!("{}: cannot write into this folder", folder.display());
     fs::create_dir_all(folder).with_context(cannot).or_input()?;
-    let probe = folder.join(format!(".sparsesplat-{}.tmp", std::process::id()));
-    fs::write(&probe, b"").with_context(cannot).or_input()?;
-    fs::remove_file(&probe).with_context(cannot).or_input()
+    // It goes when it is dropped.
+    tempfile::tempfile_in(folder).with_context(cannot).or_input()?;
+    Ok(())
 }
 
 /// The same for a file.

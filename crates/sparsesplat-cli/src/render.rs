@@ -25,7 +25,7 @@ use std::time::Instant;
 pub(crate) struct Arguments {
     /// The scene: a PLY file in the layout of 3D Gaussian splatting
     scene: PathBuf,
-    /// Where to look from: a folder with transforms.json (its photographs are not read)
+    /// Where to look from: a data set of any layout (its photographs are not read)
     #[arg(long, value_name = "INPUT")]
     cameras: PathBuf,
     /// Folder for the pictures

@@ -6,6 +6,7 @@ use crate::failure::{Failure, Outcome};
 use clap::Args;
 use evaluate::{Dropped, Plan, Reading, SIMULATED_SIZE, SimulatedScene, Windows};
 use scene_sim::Kind;
+use std::ops::Range;
 use std::path::PathBuf;
 
 /// Where windows come from, and how their pictures are read.
@@ -36,9 +37,14 @@ pub(crate) struct Planned {
     pub(crate) reading: Reading,
 }
 
+/// The generated scenes of some seeds.
+pub(crate) fn simulated(seeds: Range<u64>, size: (usize, usize)) -> Vec<Plan> {
+    seeds.map(|seed| Plan::simulated(SimulatedScene::Generated(Kind::of_seed(seed), seed), size)).collect()
+}
+
 impl Source {
     /// The windows of a data set; `generated` simulated scenes stand beside that of the demo.
-    pub(crate) fn plan(&self, dataset: Dataset, generated: u64, depth_hint: bool) -> Outcome<Planned> {
+    pub(crate) fn plan(&self, dataset: Dataset, generated: usize, depth_hint: bool) -> Outcome<Planned> {
         let reading = Reading { format: None, size: self.size, depth_hint };
         if dataset == Dataset::Simulated {
             if depth_hint {
@@ -47,9 +53,8 @@ impl Source {
                 ));
             }
             let size = self.size.unwrap_or(SIMULATED_SIZE);
-            let generated = (0..generated).map(|seed| SimulatedScene::Generated(Kind::of_seed(seed), seed));
-            let scenes = std::iter::once(SimulatedScene::Courtyard).chain(generated);
-            let plans = scenes.map(|scene| Plan::simulated(scene, size)).collect();
+            let mut plans = vec![Plan::simulated(SimulatedScene::Courtyard, size)];
+            plans.extend(simulated(0..generated as u64, size));
             return Ok(Planned { plans, dropped: Vec::new(), reading });
         }
         let Some(root) = &self.root else {

@@ -1,6 +1,6 @@
 //! A sweep as the command line asks for it: what `tradeoff` and `paper` have in common.
 
-use crate::arguments::{Common, LpipsWeights, Pipeline, Range};
+use crate::arguments::{Common, LpipsWeights, Pipeline, Range, scenes, seeds};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
@@ -18,6 +18,7 @@ use serde::Serialize;
 use serde_json::Value;
 use sparsesplat::{Allocation, Budget, Wanted};
 use std::path::{Path, PathBuf};
+use tempfile::TempDir;
 
 /// What is swept over what, and where it is kept.
 #[derive(Debug, Args)]
@@ -28,8 +29,8 @@ pub(crate) struct Sweeping {
     #[command(flatten)]
     source: Source,
     /// With simulated: so many generated scenes (seeds 0, 1, ...) beside the scene of the demo [default: 5, with --quick 0]
-    #[arg(long, value_name = "N")]
-    scenes: Option<u64>,
+    #[arg(long, value_name = "N", value_parser = scenes(0))]
+    scenes: Option<usize>,
     /// Seeds of the sampling; with several there is a spread. What no seed changes is measured once [default: 0,1,2, with --quick 0]
     #[arg(long, value_delimiter = ',')]
     seeds: Vec<u64>,
@@ -60,7 +61,7 @@ pub(crate) struct Swept {
 /// Windows that a quick sweep takes.
 const QUICK_WINDOWS: usize = 2;
 /// Generated scenes of a full sweep.
-const SCENES: u64 = 5;
+const SCENES: usize = 5;
 
 impl Sweeping {
     /// Measures what is not measured yet, or joins what is. None where this process was one of several shards: it keeps its lines, and
@@ -99,6 +100,7 @@ impl Sweeping {
             lpips_sha256: hash_of(self.lpips.files())?,
             device: UsedDevice::of(&rasterizer),
             build: if cfg!(debug_assertions) { "development" } else { "release" },
+            binary_sha256: hash_of(&[std::env::current_exe().or_work()?])?.concat(),
         };
         let recipe = Recipe::of_this_run(seeds[0], threads(), settings);
         let header = Header {
@@ -126,7 +128,7 @@ impl Sweeping {
             progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
         }
         let pictures = Pictures::below(std::slice::from_ref(&folder.path));
-        let scratch = folder.path.join(format!("scratch-{}.tmp.ply", shard.index));
+        let scratch = folder.path.join(format!("scratch-{}-of-{}.tmp.ply", shard.index, shard.count));
         let mut running = String::new();
         let swept = sweep.run(&mut journal, &pictures, &scratch, &mut rasterizer, &mut |event| match event {
             tradeoff::Progress::Point { window, point, seed } => {
@@ -163,14 +165,8 @@ impl Sweeping {
     }
 
     fn seeds(&self, extent: Extent) -> Vec<u64> {
-        let mut seeds = Vec::new();
         let usual: &[u64] = if extent == Extent::Quick { &[0] } else { &[0, 1, 2] };
-        for &seed in if self.seeds.is_empty() { usual } else { &self.seeds } {
-            if !seeds.contains(&seed) {
-                seeds.push(seed);
-            }
-        }
-        seeds
+        seeds(if self.seeds.is_empty() { usual } else { &self.seeds })
     }
 
     fn shard(&self) -> Outcome<Shard> {
@@ -201,6 +197,16 @@ impl Sweeping {
         }
         let learned = sparsesplat::wanted(&base.predict).or_input()? == Wanted::DepthAndFeatures;
         Ok(points(&base, allocations, extent, learned, self.dataset == Dataset::Simulated))
+    }
+}
+
+/// A word as a shell takes it.
+fn quoted(word: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./,:=@%+".contains(letter);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
     }
 }
 
@@ -247,7 +253,7 @@ impl Swept {
     /// The command as somebody else would type it.
     pub(crate) fn command(&self) -> String {
         let arguments = self.header.recipe["command"].as_array().map_or(&[][..], Vec::as_slice);
-        let words = arguments.iter().skip(1).filter_map(Value::as_str);
+        let words = arguments.iter().skip(1).filter_map(Value::as_str).map(quoted);
         format!("cargo xtask {}", words.collect::<Vec<_>>().join(" "))
     }
 }
@@ -265,6 +271,8 @@ struct Settings<'a> {
     device: UsedDevice,
     /// How the binary was compiled.
     build: &'static str,
+    /// The binary itself: a commit does not tell two builds of changed files apart.
+    binary_sha256: String,
 }
 
 /// A window by its name and its frames.
@@ -284,25 +292,16 @@ impl<'a> WindowChoice<'a> {
 /// Where points are kept: a folder of the user's, or one that goes when the command is done.
 struct Folder {
     path: PathBuf,
-    is_ours: bool,
+    _temporary: Option<TempDir>,
 }
 
 impl Folder {
     fn new(output: Option<&Path>) -> Outcome<Self> {
-        let path = match output {
-            Some(path) => path.to_path_buf(),
-            None => std::env::temp_dir().join(format!("sparsesplat-tradeoff-{}", std::process::id())),
-        };
-        output::check_folder(&path)?;
-        Ok(Self { path, is_ours: output.is_none() })
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        if self.is_ours {
-            // A folder of the system's for what is temporary: what is left there does no harm.
-            let _ = std::fs::remove_dir_all(&self.path);
+        if let Some(path) = output {
+            output::check_folder(path)?;
+            return Ok(Self { path: path.to_path_buf(), _temporary: None });
         }
+        let temporary = tempfile::tempdir().context("cannot make a temporary folder").or_work()?;
+        Ok(Self { path: temporary.path().to_path_buf(), _temporary: Some(temporary) })
     }
 }

@@ -1,21 +1,22 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, DepthSource, LpipsWeights, positive, size};
+use crate::arguments::{Common, DepthSource, LpipsWeights, positive, scenes, size};
 use crate::datasets::Dataset;
 use crate::device;
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::output;
 use crate::progress::Progress;
+use crate::source::simulated;
 use crate::summary::print_line;
 use anyhow::Context;
 use attn_head::Weights;
 use clap::Args;
-use evaluate::{Picture, Plan, Reading, Recipe, SimulatedScene, Windows, training_plot};
+use evaluate::{Picture, Plan, Reading, Recipe, Windows, training_plot};
 use gs_scene::Image;
-use scene_sim::Kind;
 use serde::Serialize;
 use std::fs;
 use std::io::Write;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use train::{Cases, Config, Look, Score, Trainer};
@@ -51,7 +52,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     data: Data,
     /// Generated scenes to validate on, seeds 500, 501, ...
-    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 8)]
+    #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 8)]
     validation_scenes: usize,
     /// Validate after so many steps
     #[arg(long, value_name = "STEPS", value_parser = positive, default_value_t = 500)]
@@ -75,7 +76,7 @@ pub(crate) struct Data {
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
     /// With simulated: so many generated scenes
-    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 240)]
+    #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 240)]
     scenes: usize,
     /// With simulated: seed of the first; those of `eval` begin at 0 and must stay unseen
     #[arg(long, value_name = "SEED", default_value_t = 1000)]
@@ -91,7 +92,7 @@ pub(crate) struct Data {
 }
 
 /// Steps between two checkpoints: some minutes' work at most is lost.
-const SAVE_EVERY: usize = 50;
+pub(crate) const SAVE_EVERY: usize = 50;
 /// Densities that are validated.
 const DENSITIES: [f64; 2] = [0.02, 0.1];
 /// First seed of the scenes to validate on.
@@ -113,8 +114,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let folder = arguments.output.as_deref().unwrap_or(Path::new("."));
     output::check_folder(folder)?;
     let data = &arguments.data;
+    let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
+    data.keep_unseen(&held_out, "validated")?;
     let cases = data.cases(&data.plans()?)?;
-    let validation = data.cases(&simulated(VALIDATION_SEED, arguments.validation_scenes, data.size))?;
+    let validation = data.cases(&simulated(held_out, data.size))?;
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
     let rasterizer = device::rasterizer(common.device)?;
     let mut trainer = Trainer::new(config, cases, rasterizer).or_work()?;
@@ -154,10 +157,20 @@ impl Run<'_> {
         self.folder.join("weights.safetensors")
     }
 
+    fn checkpoint(&self) -> PathBuf {
+        self.folder.join("checkpoint.safetensors")
+    }
+
     /// All steps that are left.
     pub(crate) fn complete(&self, trainer: &mut Trainer) -> Outcome {
-        let checkpoint = self.folder.join("checkpoint.safetensors");
-        if self.resume && checkpoint.exists() {
+        let checkpoint = self.checkpoint();
+        if checkpoint.exists() {
+            if !self.resume {
+                let checkpoint = checkpoint.display();
+                return Err(Failure::input(format!(
+                    "{checkpoint}: a run is there already: --resume goes on with it, another --output begins anew"
+                )));
+            }
             trainer.resume(&checkpoint).or_input()?;
             print_line(&format!("resumed    after step {}", trainer.steps()));
         }
@@ -192,14 +205,19 @@ impl Run<'_> {
                 progress.line(&format!("step {step}: held-out at density {line}"));
                 log.write(&Validation { step, validation: scores })?;
             }
-            if step.is_multiple_of(self.save_every) || done {
-                log.flush()?;
-                trainer.save(&checkpoint).or_work()?;
-                trainer.weights().write(self.weights()).or_work()?;
-                output::write_text(&self.folder.join("curve.svg"), &log.curve()?)?;
+            if step.is_multiple_of(self.save_every) && !done {
+                self.keep(trainer, &mut log)?;
             }
         }
-        Ok(())
+        // Also where nothing was left to do: what was broken off may have left a checkpoint and the weights of an earlier step.
+        self.keep(trainer, &mut log)
+    }
+
+    fn keep(&self, trainer: &Trainer, log: &mut Log) -> Outcome {
+        log.flush()?;
+        trainer.save(&self.checkpoint()).or_work()?;
+        trainer.weights().write(self.weights()).or_work()?;
+        output::write_text(&self.folder.join("curve.svg"), &log.curve()?)
     }
 }
 
@@ -218,10 +236,31 @@ impl Data {
         Cases::open(plans, &predict, &self.cache, &mut |_, _| progress.step()).or_work()
     }
 
+    /// Seeds of the generated scenes to train on.
+    fn seeds(&self) -> Range<u64> {
+        self.first_seed..self.first_seed.saturating_add(self.scenes as u64)
+    }
+
+    /// Refuses to train on generated scenes that something else is to be measured on.
+    pub(crate) fn keep_unseen(&self, held_out: &Range<u64>, done: &str) -> Outcome {
+        let ours = self.seeds();
+        if self.dataset == Dataset::Simulated && ours.start < held_out.end && held_out.start < ours.end {
+            return Err(Failure::input(format!(
+                "scenes of the seeds {} to {} are trained on and those of {} to {} {done} on: --first-seed and the number of scenes \
+                 keep them apart",
+                ours.start,
+                ours.end - 1,
+                held_out.start,
+                held_out.end - 1
+            )));
+        }
+        Ok(())
+    }
+
     /// The windows that are asked for.
     pub(crate) fn plans(&self) -> Outcome<Vec<Plan>> {
         if self.dataset == Dataset::Simulated {
-            return Ok(simulated(self.first_seed, self.scenes, self.size));
+            return Ok(simulated(self.seeds(), self.size));
         }
         let Some(root) = &self.root else {
             let explanation = self.dataset.explanation();
@@ -244,12 +283,6 @@ pub(crate) fn config(path: Option<&Path>) -> Outcome<Config> {
         fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_input()?;
     let options = ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
     options.from_str(&text).with_context(|| path.display().to_string()).or_input()
-}
-
-/// Generated scenes from a seed on.
-pub(crate) fn simulated(first: u64, count: usize, size: (usize, usize)) -> Vec<Plan> {
-    let of = |seed| Plan::simulated(SimulatedScene::Generated(Kind::of_seed(seed), seed), size);
-    (first..first + count as u64).map(of).collect()
 }
 
 /// Scores at all densities; pictures at the first: photograph, head and closed form, one row per scene.

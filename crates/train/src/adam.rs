@@ -8,7 +8,7 @@ const EPSILON: f32 = 1e-8;
 
 /// How fast weights move.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default)]
 pub struct Rates {
     /// Largest learning rate (paper: 2e-4).
     pub learning_rate: f64,
@@ -18,6 +18,12 @@ pub struct Rates {
     pub last: f64,
     /// Gradients longer than this are shortened to it.
     pub clip: f32,
+}
+
+impl Default for Rates {
+    fn default() -> Self {
+        Self { learning_rate: 1e-3, warm_up: 100, last: 0.01, clip: 1.0 }
+    }
 }
 
 impl Rates {

@@ -2,7 +2,7 @@
 //! training less.
 
 use crate::{Error, Result};
-use evaluate::{GeometryCache, Plan, Window};
+use evaluate::{GeometryCache, Plan, Window, hexadecimal};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, DepthMap, Image, Intrinsics, View, write_atomically};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
@@ -81,10 +81,10 @@ impl Cases {
                 Some(description) => (description, None),
                 None => {
                     let window = plan.load(true)?;
-                    (window.sha256(), Some(window))
+                    (window.exact_sha256(), Some(window))
                 }
             };
-            let key = hexadecimal(Sha256::digest(format!("{VERSION}\n{described}").as_bytes()).as_slice());
+            let key = hexadecimal(&Sha256::digest(format!("{VERSION}\n{described}")));
             all.update(format!("{key}\n{backbone} {:?}", settings.depth_range).as_bytes());
             let file =
                 cache.join(format!("{}-{}.views.safetensors", plan.name().replace('/', "-"), &key[..16]));
@@ -102,7 +102,7 @@ impl Cases {
             files.push((file, settings));
             on_case(i + 1, plans.len());
         }
-        Ok(Self { files, geometry, hash: hexadecimal(all.finalize().as_slice()) })
+        Ok(Self { files, geometry, hash: hexadecimal(&all.finalize()) })
     }
 
     /// Number of cases.
@@ -134,10 +134,6 @@ impl Cases {
             self.geometry.geometry(&name, &context, settings, Wanted::DepthAndFeatures)?;
         Ok(Case { name, context, targets, geometry, depth_range })
     }
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The views of a window.

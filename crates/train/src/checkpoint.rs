@@ -17,6 +17,8 @@ pub(crate) struct Progress {
     pub(crate) data: String,
     /// What the structural term of the loss is.
     pub(crate) structure: String,
+    /// What the pictures are rendered on: others round otherwise.
+    pub(crate) device: String,
     /// Steps done.
     pub(crate) step: usize,
     /// Of those, skipped.

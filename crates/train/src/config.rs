@@ -48,7 +48,7 @@ impl Default for Config {
             targets: 2,
             contexts: 1,
             lambda: 0.02,
-            rates: Rates { learning_rate: 1e-3, warm_up: 100, last: 0.01, clip: 1.0 },
+            rates: Rates::default(),
             seed: 0,
         }
     }
@@ -68,12 +68,15 @@ impl Config {
         if !(0.0..=0.2).contains(&self.depth_error) {
             return refuse("depth_error", self.depth_error.to_string(), "a share from 0 to 0.2");
         }
+        if self.steps == 0 {
+            return refuse("steps", "0".to_owned(), "a number above 0");
+        }
         if self.allocation == Allocation::Merged {
             let expected =
                 "one that decides before the head: merging comes after it, trained is what is merged";
             return refuse("allocation", "merged".to_owned(), expected);
         }
-        if self.batch == 0 || self.targets + self.contexts == 0 {
+        if self.batch == 0 || (self.targets, self.contexts) == (0, 0) {
             let found = format!("batch {}, {} targets, {} contexts", self.batch, self.targets, self.contexts);
             return refuse("batch, targets, contexts", found, "something to compare");
         }
@@ -81,9 +84,18 @@ impl Config {
             return refuse("lambda", self.lambda.to_string(), "a share from 0 to 1");
         }
         let Rates { learning_rate, last, clip, .. } = self.rates;
-        if !(learning_rate > 0.0 && learning_rate < 1.0 && (0.0..=1.0).contains(&last) && clip > 0.0) {
+        if !(learning_rate > 0.0
+            && learning_rate < 1.0
+            && (0.0..=1.0).contains(&last)
+            && clip > 0.0
+            && clip.is_finite())
+        {
             let found = format!("learning_rate {learning_rate}, last {last}, clip {clip}");
-            return refuse("rates", found, "learning_rate between 0 and 1, last from 0 to 1, clip above 0");
+            return refuse(
+                "rates",
+                found,
+                "learning_rate between 0 and 1, last from 0 to 1, clip above 0 and finite",
+            );
         }
         Ok(())
     }

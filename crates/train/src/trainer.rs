@@ -18,7 +18,7 @@ use sparsesplat::learned::{FEATURES, GEOMETRY_FEATURES, image_features};
 use sparsesplat::{Anchored, Budget, StageSeconds, anchor};
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// A training run.
@@ -148,10 +148,16 @@ impl Trainer {
             .map_or("1 - SSIM".to_owned(), |lpips| format!("LPIPS ({})", lpips.network().name()))
     }
 
+    fn device(&self) -> String {
+        let rasterizer = self.rasterizer.lock().unwrap_or_else(PoisonError::into_inner);
+        rasterizer.adapter().map_or_else(|| "CPU".to_owned(), |adapter| adapter.name.clone())
+    }
+
     /// Goes on where a checkpoint was written.
     ///
     /// # Errors
-    /// If it cannot be read, or is of a run with another configuration or other data.
+    /// If it cannot be read, or is of a run with another configuration, other data, another structural term or another device to
+    /// render on.
     pub fn resume(&mut self, path: &Path) -> Result<()> {
         let (progress, weights, adam) = checkpoint::read(path, self.weights.len())?;
         let other = |what| Err(Error::OtherRun { path: path.to_path_buf(), what });
@@ -163,6 +169,9 @@ impl Trainer {
         }
         if progress.structure != self.structure() {
             return other("structural term of the loss");
+        }
+        if progress.device != self.device() {
+            return other("device to render on");
         }
         (self.weights, self.adam) = (weights, adam);
         (self.step, self.skipped) = (progress.step, progress.skipped);
@@ -178,6 +187,7 @@ impl Trainer {
             config: self.config.clone(),
             data: self.cases.sha256().to_owned(),
             structure: self.structure(),
+            device: self.device(),
             step: self.step,
             skipped: self.skipped,
             updates: self.adam.updates,

@@ -131,14 +131,22 @@ fn a_run_may_begin_with_the_weights_of_another() {
 fn a_file_of_the_cache_that_is_cut_off_or_gone_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let trainer = trainer(Config::default(), folder.path());
-    let file = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
-    let bytes = std::fs::read(&file).unwrap();
-    for length in [0, 7, 100, bytes.len() / 2, bytes.len() - 1] {
-        std::fs::write(&file, &bytes[..length]).unwrap();
-        let error = trainer.cases.read(0).unwrap_err();
-        assert!(matches!(&error, Error::Broken { path, .. } if *path == file), "{length}: {error}");
+    let files = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+    let (views, geometry): (Vec<_>, Vec<_>) =
+        files.partition(|path| path.to_string_lossy().ends_with(".views.safetensors"));
+    for file in [&views[0], &geometry[0]] {
+        let bytes = std::fs::read(file).unwrap();
+        for length in [0, 7, 100, bytes.len() / 2, bytes.len() - 1] {
+            std::fs::write(file, &bytes[..length]).unwrap();
+            let error = trainer.cases.read(0).unwrap_err();
+            assert!(error.to_string().contains(&file.display().to_string()), "{length}: {error}");
+        }
+        std::fs::write(file, bytes).unwrap();
     }
-    std::fs::remove_file(&file).unwrap();
+    // What the backbone says can be asked for again, a view cannot.
+    std::fs::remove_file(&geometry[0]).unwrap();
+    assert!(trainer.cases.read(0).is_ok());
+    std::fs::remove_file(&views[0]).unwrap();
     assert!(matches!(trainer.cases.read(0), Err(Error::Read { .. })));
     let empty = Cases::open(&[], &sparsesplat::Config::default(), folder.path(), &mut |_, _| {});
     assert!(matches!(empty, Err(Error::NoWindows)));
@@ -149,6 +157,7 @@ fn settings_out_of_range_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let cases = trainer(Config::default(), folder.path()).cases;
     let rates = crate::Rates { learning_rate: f64::NAN, ..Config::default().rates };
+    let endless = crate::Rates { clip: f32::INFINITY, ..Config::default().rates };
     for config in [
         Config { density: [0.0, 0.1], ..Config::default() },
         Config { density: [0.2, 0.1], ..Config::default() },
@@ -157,6 +166,9 @@ fn settings_out_of_range_are_refused() {
         Config { targets: 0, contexts: 0, ..Config::default() },
         Config { lambda: f32::NAN, ..Config::default() },
         Config { depth_error: 0.3, ..Config::default() },
+        Config { steps: 0, ..Config::default() },
+        Config { rates: endless, ..Config::default() },
+        Config { targets: usize::MAX, contexts: 1, batch: 0, ..Config::default() },
         Config { rates, ..Config::default() },
     ] {
         let refused = Trainer::new(config.clone(), cases.clone(), Rasterizer::cpu());

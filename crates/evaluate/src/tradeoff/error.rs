@@ -36,6 +36,12 @@ pub enum SweepError {
         /// What the file says, JSON.
         found: String,
     },
+    /// Another process measures the same shard.
+    #[error("{}: another process is measuring this shard in this folder: let it finish, or give another folder", path.display())]
+    Busy {
+        /// The lock.
+        path: PathBuf,
+    },
     /// A line that is no measured point.
     #[error("{}:{line}: {rule}", path.display())]
     Line {

@@ -9,7 +9,7 @@ use gs_scene::write_atomically;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, HashSet};
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -124,36 +124,36 @@ pub struct Journal {
     file: File,
     entries: Vec<Entry>,
     done: HashSet<(String, u64, String)>,
+    /// Held as long as this lives.
+    _lock: File,
 }
 
 impl Journal {
-    /// Opens the file of a sweep in its folder, or makes it. A last line that was cut off is taken away. What had failed is tried
-    /// again.
+    /// Opens the file of a sweep in its folder, or makes it. A last line that was cut off is taken away, and what had failed, which
+    /// is tried again.
     ///
     /// # Errors
-    /// If the file cannot be read or written, or holds points of another sweep.
+    /// If the file cannot be read or written, holds points of another sweep, or another process is adding to it.
     pub fn open(folder: &Path, header: &Header) -> Result<Self, SweepError> {
         let path = folder.join(journal_name(header.shard));
+        let lock = lock(&path)?;
         let mut entries = Vec::new();
+        let mut text = line_of(&path, header)?.into_bytes();
         if path.exists() {
             let found = Found::read(&path)?;
             header.check(&path, &found.header)?;
+            text = found.measured();
             entries = found.entries;
             entries.retain(|entry| matches!(entry, Entry::Measured(_)));
-            if found.whole < found.length {
-                let cut =
-                    OpenOptions::new().write(true).open(&path).and_then(|file| file.set_len(found.whole));
-                cut.map_err(io("cut the torn last line off", &path))?;
-            }
-        } else {
-            let line = line_of(&path, header)?;
-            write_atomically(&path, |out| out.write_all(line.as_bytes())).map_err(|error| {
-                SweepError::Io { action: "write", path: path.clone(), source: std::io::Error::other(error) }
-            })?;
         }
+        write_atomically(&path, |out| out.write_all(&text)).map_err(|error| SweepError::Io {
+            action: "write",
+            path: path.clone(),
+            source: std::io::Error::other(error),
+        })?;
         let file = OpenOptions::new().append(true).open(&path).map_err(io("write", &path))?;
         let done = entries.iter().filter_map(key_of).collect();
-        Ok(Self { path, file, entries, done })
+        Ok(Self { path, file, entries, done, _lock: lock })
     }
 
     /// Whether a point is measured.
@@ -202,6 +202,19 @@ impl Journal {
     }
 }
 
+/// Keeps other processes from the file of a shard, where the file system has locks.
+fn lock(path: &Path) -> Result<File, SweepError> {
+    let path = path.with_extension("lock");
+    let file = File::create(&path).map_err(io("write", &path))?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(SweepError::Busy { path }),
+        Err(TryLockError::Error(source)) if source.kind() != std::io::ErrorKind::Unsupported => {
+            Err(SweepError::Io { action: "lock", path, source })
+        }
+        _ => Ok(file),
+    }
+}
+
 fn key_of(entry: &Entry) -> Option<(String, u64, String)> {
     match entry {
         Entry::Measured(measured) => Some((measured.window.clone(), measured.seed, measured.point.clone())),
@@ -223,9 +236,8 @@ struct Found {
     path: PathBuf,
     header: Header,
     entries: Vec<Entry>,
-    /// Bytes up to the end of the last whole line, and of the file.
-    whole: u64,
-    length: u64,
+    /// The lines as they lie there: of the header, then of each entry.
+    lines: Vec<Vec<u8>>,
 }
 
 impl Found {
@@ -238,7 +250,7 @@ impl Found {
         if !header.shard.is_valid() {
             return Err(no_header());
         }
-        let (mut entries, mut whole) = (Vec::new(), first.len());
+        let (mut entries, mut whole) = (Vec::new(), vec![first.to_vec()]);
         let rest: Vec<&[u8]> = lines.collect();
         for (i, line) in rest.iter().enumerate() {
             let refuse = |rule: String| SweepError::Line { path: path.to_path_buf(), line: i + 2, rule };
@@ -246,20 +258,22 @@ impl Found {
                 Ok(entry) => {
                     header.knows(&entry).map_err(refuse)?;
                     entries.push(entry);
-                    whole += line.len();
+                    whole.push(line.to_vec());
                 }
                 // What a crash leaves at the end may be more than half a line.
                 Err(_) if i + 1 == rest.len() => break,
                 Err(_) => return Err(refuse("expected a measured point or a failure, as JSON".to_owned())),
             }
         }
-        Ok(Self {
-            path: path.to_path_buf(),
-            header,
-            entries,
-            whole: whole as u64,
-            length: bytes.len() as u64,
-        })
+        Ok(Self { path: path.to_path_buf(), header, entries, lines: whole })
+    }
+
+    /// The file without what failed and without what was cut off.
+    fn measured(&self) -> Vec<u8> {
+        let (header, rest) = self.lines.split_at(1);
+        let measured = |entry: &Entry| matches!(entry, Entry::Measured(_));
+        let kept = self.entries.iter().zip(rest).filter(|(entry, _)| measured(entry)).map(|(_, line)| line);
+        header.iter().chain(kept).flatten().copied().collect()
     }
 
     /// Windows, seeds and points without a line, as a count; and of how many.
@@ -348,6 +362,8 @@ impl Shards {
                 return Err(SweepError::NoJournal { path: folder.clone() });
             }
         }
+        // Whatever order the folders list them in.
+        files.sort_by_key(|file| file.header.shard.index);
         let mut of_shard: BTreeMap<usize, Found> = BTreeMap::new();
         let mut files = files.into_iter();
         let first =

@@ -78,6 +78,22 @@ fn what_was_measured_is_found_again_to_the_last_digit() {
     // What failed is tried again.
     assert_eq!(journal.entries(), [entry("a/0", "p")]);
     assert_eq!(journal.measured(), 1);
+    // And until then is not done: the failure is no longer in the file.
+    drop(journal);
+    let error = Shards::read(&[folder.path().to_path_buf()]).unwrap_err().to_string();
+    assert!(error.contains("1 of 4 points"), "{error}");
+}
+
+#[test]
+fn one_process_at_a_time_measures_a_shard() {
+    let folder = tempdir().unwrap();
+    let first = Journal::open(folder.path(), &small()).unwrap();
+    let second = Journal::open(folder.path(), &small());
+    assert!(matches!(second, Err(SweepError::Busy { .. })), "{second:?}");
+    let half = Header { shard: Shard { index: 0, count: 2 }, ..small() };
+    assert!(Journal::open(folder.path(), &half).is_ok(), "another shard");
+    drop(first);
+    assert!(Journal::open(folder.path(), &small()).is_ok());
 }
 
 #[test]

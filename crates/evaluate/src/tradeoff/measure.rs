@@ -18,7 +18,7 @@ use std::time::Instant;
 /// How the figures are taken, in words.
 pub const MEASURED_AS: &str = "Seconds are wall time from the first photograph read to the written scene; rendering is apart. The \
 backbone runs once per window and size of its photographs, and every point counts that time; all other stages run anew for each point \
-and seed. Seconds by stage are medians over seeds, then means over windows and scenes. Frames per second: the median over the held-out \
+and seed. Seconds by stage are those of the seed whose pass took the median time, then means over windows and scenes. Frames per second: the median over the held-out \
 views of the time of one picture, its copy into memory included, after one that is not timed. Memory: the most that the process held \
 (resident) while the point ran or the backbone before it, photographs, kept depth and earlier allocations included; memory of a GPU is \
 not in it. File: the PLY as it lies on disk, 32 bits per number. What no seed changes (one Gaussian per pixel, merged, voxels) is \

@@ -372,10 +372,17 @@ mod tests {
 
     #[test]
     fn the_times_of_a_row_add_up() {
-        let summary = summary(&[20.0, 22.8], 22.9);
+        let mut summary = summary(&[20.0, 22.8], 22.9);
+        let stage = std::cell::Cell::new(1.0);
+        summary.points[1].seconds = crate::figures::Seconds::of_each(|_| stage.replace(2.0 * stage.get()));
+        let seconds = &summary.points[1].seconds;
+        let of_pass: f64 = seconds.stages().iter().map(|(_, seconds)| seconds).sum::<f64>() - seconds.render;
+        summary.points[1].seconds_to_gaussians = of_pass + 0.5;
         let runtime = Comparison::new(PaperTable::Runtime, &summary);
         let figures = &runtime.rows[0].ours.as_ref().unwrap().0;
         let (total, parts) = figures.split_last().unwrap();
         assert!((parts.iter().map(|(_, ms)| ms).sum::<f64>() - total.1).abs() < 1e-9, "{figures:?}");
+        // A stage that no column counts would be in it.
+        assert_eq!(*parts.last().unwrap(), ("milliseconds_between", 500.0));
     }
 }

@@ -53,12 +53,12 @@ impl Sweep<'_> {
     /// Points with their seeds times windows of this shard.
     #[must_use]
     pub fn runs(&self) -> usize {
-        self.ours().count() * self.runs_of(self.points)
+        self.ours().count() * self.points.iter().map(|point| self.seeds_of(point).count()).sum::<usize>()
     }
 
-    /// Runs of some points on one window.
-    fn runs_of<'p>(&self, points: impl IntoIterator<Item = &'p Point>) -> usize {
-        points.into_iter().map(|point| point.label.seeds(self.seeds).len()).sum()
+    /// The seeds that change anything about a point.
+    fn seeds_of(&self, point: &Point) -> impl Iterator<Item = u64> {
+        point.label.seeds(self.seeds).iter().copied()
     }
 
     fn ours(&self) -> impl Iterator<Item = (usize, &Plan)> {
@@ -84,54 +84,42 @@ impl Sweep<'_> {
         assert!(!self.seeds.is_empty(), "a sweep needs at least one seed");
         let mut instruments = Instruments { rasterizer, lpips: self.lpips, scratch };
         for (position, plan) in self.ours() {
-            let is_open = |point: &Point| {
-                let seeds = point.label.seeds(self.seeds);
-                seeds.iter().any(|&seed| !journal.has(plan.name(), seed, &point.label.point))
-            };
-            let open: Vec<&Point> = self.points.iter().filter(|point| is_open(point)).collect();
-            if open.is_empty() {
-                continue;
-            }
-            on_progress(Progress::Point {
-                window: plan.name(),
-                point: &open[0].label.point,
-                seed: self.seeds[0],
-            });
+            let all =
+                self.points.iter().flat_map(|point| self.seeds_of(point).map(move |seed| (point, seed)));
+            let open = all.filter(|(point, seed)| !journal.has(plan.name(), *seed, &point.label.point));
+            let open: Vec<(&Point, u64)> = open.collect();
+            let (Some(base), Some((point, seed))) = (self.points.first(), open.first()) else { continue };
+            on_progress(Progress::Point { window: plan.name(), point: &point.label.point, seed: *seed });
             on_progress(Progress::Step(Step::Load));
             let mut on_step = |step| on_progress(Progress::Step(step));
-            let mut loaded = match Loaded::of(plan, open[0], &mut on_step) {
+            let mut loaded = match Loaded::of(plan, base, &mut on_step) {
                 Ok(loaded) => loaded,
                 Err(error) => {
                     let failed = Failed { point: None, ..Failed::new(plan.name(), &error) };
-                    give_up(journal, failed, self.runs_of(open), on_progress)?;
+                    give_up(journal, failed, open.len(), on_progress)?;
                     continue;
                 }
             };
             journal.check_data(plan.name(), &loaded.views.data_sha256)?;
-            for point in open {
-                for (i, &seed) in point.label.seeds(self.seeds).iter().enumerate() {
-                    if journal.has(plan.name(), seed, &point.label.point) {
-                        continue;
+            for (point, seed) in open {
+                on_progress(Progress::Point { window: plan.name(), point: &point.label.point, seed });
+                let mut on_step = |step| on_progress(Progress::Step(step));
+                let measured = loaded.measure(plan, point, seed, &mut instruments, &mut on_step);
+                let kept = measured.and_then(|(measured, renderings)| {
+                    if self.seeds_of(point).next() == Some(seed) {
+                        pictures.keep(position, &loaded.whole, &point.label.point, &renderings)?;
                     }
-                    on_progress(Progress::Point { window: plan.name(), point: &point.label.point, seed });
-                    let mut on_step = |step| on_progress(Progress::Step(step));
-                    let measured = loaded.measure(plan, point, seed, &mut instruments, &mut on_step);
-                    let kept = measured.and_then(|(measured, renderings)| {
-                        if i == 0 {
-                            pictures.keep(position, &loaded.whole, &point.label.point, &renderings)?;
-                        }
-                        Ok(measured)
-                    });
-                    match kept {
-                        Ok(measured) => {
-                            journal.push(Entry::Measured(measured))?;
-                            on_progress(Progress::Done(1));
-                        }
-                        Err(error) => {
-                            let name = Some(point.label.point.clone());
-                            let failed = Failed { point: name, seed, ..Failed::new(plan.name(), &error) };
-                            give_up(journal, failed, 1, on_progress)?;
-                        }
+                    Ok(measured)
+                });
+                match kept {
+                    Ok(measured) => {
+                        journal.push(Entry::Measured(measured))?;
+                        on_progress(Progress::Done(1));
+                    }
+                    Err(error) => {
+                        let name = Some(point.label.point.clone());
+                        let failed = Failed { point: name, seed, ..Failed::new(plan.name(), &error) };
+                        give_up(journal, failed, 1, on_progress)?;
                     }
                 }
             }
@@ -169,12 +157,12 @@ struct Loaded {
 }
 
 impl Loaded {
-    /// The window, and its survey for the point that comes first: without it there is none for most others.
-    fn of(plan: &Plan, first: &Point, on_step: &mut dyn FnMut(Step)) -> Result<Self> {
+    /// The window, and its survey for the base, whatever points are open: without it there is none for most others.
+    fn of(plan: &Plan, base: &Point, on_step: &mut dyn FnMut(Step)) -> Result<Self> {
         let whole = plan.load(true)?;
         let views = Views::of(&whole);
         let mut loaded = Self { whole, views, smaller: Vec::new(), surveys: Vec::new() };
-        loaded.survey(plan, first, on_step)?;
+        loaded.survey(plan, base, on_step)?;
         Ok(loaded)
     }
 
@@ -233,5 +221,73 @@ impl Loaded {
             self.smaller.push((shrink, window));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tradeoff::journal::tests::header;
+    use crate::tradeoff::{Cuts, Label, journal_name};
+    use crate::{Method, SimulatedScene, tradeoff::Axis};
+
+    fn point(name: &str, backbone: Backbone) -> Point {
+        let label = Label {
+            point: name.to_owned(),
+            axis: Axis::Budget,
+            allocation: "entropy".to_owned(),
+            count: Some(200),
+            draws: true,
+            base: name == "first",
+        };
+        let budget = sparsesplat::Budget::Gaussians(200);
+        let predict = Config { backbone, budget, head: sparsesplat::Head::ClosedForm, ..Config::default() };
+        Point { label, method: Method::feed_forward(predict), cuts: Cuts::default(), shrink: 1 }
+    }
+
+    #[test]
+    fn a_point_that_fails_takes_no_other_with_it_when_the_sweep_is_resumed() {
+        let folder = tempfile::tempdir().unwrap();
+        let nowhere = Backbone::DepthSplat(folder.path().join("nowhere.pth"));
+        let points = [
+            point("first", Backbone::GivenDepth),
+            point("broken", nowhere),
+            point("last", Backbone::GivenDepth),
+        ];
+        let plans = [Plan::simulated(SimulatedScene::Courtyard, (48, 32))];
+        let labels: Vec<Label> = points.iter().map(|point| point.label.clone()).collect();
+        let header = header(&[plans[0].name()], &labels, &[0, 1]);
+        let sweep =
+            Sweep { plans: &plans, shard: Shard::WHOLE, points: &points, seeds: &[0, 1], lpips: None };
+        let pictures = Pictures::below(&[folder.path().to_path_buf()]);
+        // Points of failures, and how many runs are said to be behind.
+        let run =
+            || {
+                let mut journal = Journal::open(folder.path(), &header).unwrap();
+                let (mut failed, mut done) = (Vec::new(), journal.measured());
+                let scratch = folder.path().join("scratch.ply");
+                sweep
+                    .run(&mut journal, &pictures, &scratch, &mut Rasterizer::cpu(), &mut |progress| {
+                        match progress {
+                            Progress::Failed(failure) => {
+                                failed.push(failure.point.clone().unwrap_or_default());
+                            }
+                            Progress::Done(runs) => done += runs,
+                            _ => {}
+                        }
+                    })
+                    .unwrap();
+                (failed, done, journal.measured())
+            };
+        let of_all = (vec!["broken".to_owned(); 2], sweep.runs(), 4);
+        assert_eq!(run(), of_all);
+        // Killed before the last point: what is open begins with the one that fails.
+        let path = folder.path().join(journal_name(Shard::WHOLE));
+        let text = std::fs::read_to_string(&path).unwrap();
+        let is_kept = |(i, line): &(usize, &str)| *i == 0 || !line.contains("\"point\":\"last\",");
+        let kept: Vec<&str> = text.lines().enumerate().filter(is_kept).map(|(_, line)| line).collect();
+        assert!(kept.len() < text.lines().count());
+        std::fs::write(&path, kept.join("\n") + "\n").unwrap();
+        assert_eq!(run(), of_all);
     }
 }

@@ -55,7 +55,12 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
     assert!(fs::read_to_string(run.join("curve.svg")).unwrap().contains("</svg>"));
     assert!(run.join("validation/step-000003.png").exists());
 
-    // Nothing is left to do; the log is as it was.
+    // Nobody begins anew over a run that is there without saying so.
+    let Called { code, stderr, .. } = train(&[]);
+    assert!(code == Some(2) && stderr.contains("--resume"), "{stderr}");
+
+    // Nothing is left to do; the log is as it was, and the weights too, though a kill may have left earlier ones.
+    fs::write(run.join("weights.safetensors"), b"of an earlier step").unwrap();
     train(&["--resume"]).succeeded();
     assert_eq!(fs::read_to_string(run.join("log.jsonl")).unwrap(), log);
     assert_eq!(values(&run.join("weights.safetensors")), whole);
@@ -67,6 +72,10 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
     fs::write(&config, "(stepps: 4)").unwrap();
     let Called { code, stderr, .. } = train(&[]);
     assert!(code == Some(2) && stderr.contains("stepps"), "{stderr}");
+
+    fs::write(&config, "(steps: 4, rates: (learning_rate: 1e-4))").unwrap();
+    let Called { code, stderr, .. } = train(&["--first-seed", "500"]);
+    assert!(code == Some(2) && stderr.contains("--first-seed") && stderr.contains("500 to 500"), "{stderr}");
 
     let weights = run.join("weights.safetensors");
     let json = at("eval.json");
@@ -105,13 +114,17 @@ fn rows_of_an_ablation_are_trained_once_and_measured_each() {
     let (config, json) = (at("short.ron"), at("rows.json"));
     fs::write(&config, "(steps: 1, batch: 1, density: (0.05, 0.1), targets: 1, contexts: 0)").unwrap();
     let (output, cache) = (at("rows"), at("cache"));
-    let ablate = |rows: &str| {
+    let ablate_from = |first_seed: &str, rows: &str| {
         let mut words = vec!["ablate", "neighbours", "--rows", rows, "-o", text(&output)];
         words.extend(["--config", text(&config), "--cache", text(&cache), "--json", text(&json)]);
         words.extend(["--size", "96x64", "--scenes", "1", "--evaluation-size", "96x64", "--device", "cpu"]);
-        words.extend(["--evaluation-scenes", "1", "--gaussians", "500", "--seeds", "0,1"]);
+        words.extend(["--evaluation-scenes", "1", "--gaussians", "500", "--seeds", "0,1,0"]);
+        words.extend(["--first-seed", first_seed]);
         call(&words)
     };
+    let Called { code, stderr, .. } = ablate_from("0", "K=0");
+    assert!(code == Some(2) && stderr.contains("--first-seed"), "measured on what is trained on: {stderr}");
+    let ablate = |rows: &str| ablate_from("1000", rows);
     let Called { code, stderr, .. } = ablate("K=0,K=7");
     assert!(code == Some(2) && stderr.contains("K=7") && stderr.contains("K=30"), "{stderr}");
     ablate("K=0,K=5").succeeded();

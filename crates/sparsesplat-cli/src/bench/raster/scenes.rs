@@ -5,7 +5,7 @@ use evaluate::{Method, Step, Window, reconstruct_window};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, sh_coefficients};
 use serde::{Serialize, Serializer};
-use sparsesplat::{Allocation, Budget, Config};
+use sparsesplat::{Allocation, Budget, Config, Head};
 
 /// How many Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,11 +39,10 @@ pub(super) fn reconstruct(
     count: Count,
     on_step: &mut dyn FnMut(Step),
 ) -> Outcome<Gaussians> {
+    let closed_form = Config { head: Head::ClosedForm, ..Config::default() };
     let config = match count {
-        Count::Gaussians(n) => Config { budget: Budget::Gaussians(n), ..Config::default() },
-        Count::Pixels => {
-            Config { allocation: Allocation::PixelAligned, far_shell: false, ..Config::default() }
-        }
+        Count::Gaussians(n) => Config { budget: Budget::Gaussians(n), ..closed_form },
+        Count::Pixels => Config { allocation: Allocation::PixelAligned, far_shell: false, ..closed_form },
     };
     let method = Method::feed_forward(config);
     let outcome =
