@@ -250,7 +250,7 @@ impl Found {
         if !header.shard.is_valid() {
             return Err(no_header());
         }
-        let (mut entries, mut whole) = (Vec::new(), vec![first.to_vec()]);
+        let (mut entries, mut kept) = (Vec::new(), vec![first.to_vec()]);
         let rest: Vec<&[u8]> = lines.collect();
         for (i, line) in rest.iter().enumerate() {
             let refuse = |rule: String| SweepError::Line { path: path.to_path_buf(), line: i + 2, rule };
@@ -258,14 +258,14 @@ impl Found {
                 Ok(entry) => {
                     header.knows(&entry).map_err(refuse)?;
                     entries.push(entry);
-                    whole.push(line.to_vec());
+                    kept.push(line.to_vec());
                 }
                 // What a crash leaves at the end may be more than half a line.
                 Err(_) if i + 1 == rest.len() => break,
                 Err(_) => return Err(refuse("expected a measured point or a failure, as JSON".to_owned())),
             }
         }
-        Ok(Self { path: path.to_path_buf(), header, entries, lines: whole })
+        Ok(Self { path: path.to_path_buf(), header, entries, lines: kept })
     }
 
     /// The file without what failed and without what was cut off.

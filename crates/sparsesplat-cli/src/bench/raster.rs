@@ -24,10 +24,10 @@ use serde::Serialize;
 
 /// The renderer: frames per second against the number of Gaussians, and the price of each feature
 ///
-/// The demo's six photographs are reconstructed with each count, in closed form, and the scene is rendered from a held-out view: forward, and
-/// forward with gradients, on one thread and on all, and on the GPU if there is a real one. --device gpu measures the GPU
-/// alone (with what it takes to bring scene and picture there and back), --device cpu the processor alone. Prices of features
-/// are those at the largest count given as a number. Reconstructed colours do not change with the direction: spherical
+/// The demo's six photographs are reconstructed with each count, in closed form, and the scene is rendered from a held-out view:
+/// forward, and forward with gradients, on one thread and on all, and on the GPU if there is a real one. --device gpu measures the
+/// GPU alone (with what it takes to bring scene and picture there and back), --device cpu the processor alone. Prices of features
+/// are those at the largest count given as a number. Colours in closed form do not change with the direction: spherical
 /// harmonics above degree 0 are filled with small numbers.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  sparsesplat bench raster\n  \
