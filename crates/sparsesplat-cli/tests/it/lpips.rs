@@ -76,23 +76,24 @@ fn lpips_in_the_loss_is_another_run() {
     )
     .unwrap();
     let (output, cache) = (at("run"), at("cache"));
-    let train = |more: &[&str]| {
-        let mut words =
-            vec!["train", "-o", text(&output), "--config", text(&config), "--cache", text(&cache)];
+    let train = |output: &Path, more: &[&str]| {
+        let mut words = vec!["train", "-o", text(output), "--config", text(&config), "--cache", text(&cache)];
         words.extend(["--size", "96x64", "--scenes", "1", "--validation-scenes", "1", "--device", "cpu"]);
         words.extend(more);
         call(&words)
     };
     let weights = ["--lpips-weights", text(&features), text(&linear)];
-    let losses = || -> Vec<f64> {
+    let losses = |output: &Path| -> Vec<f64> {
         let log = fs::read_to_string(output.join("log.jsonl")).unwrap();
         let lines = log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
         lines.filter_map(|line| line["loss"].as_f64()).collect()
     };
-    train(&weights).succeeded();
-    let with_lpips = losses();
-    let Called { code, stderr, .. } = train(&["--resume"]);
+    train(&output, &weights).succeeded();
+    let with_lpips = losses(&output);
+    let Called { code, stderr, .. } = train(&output, &["--resume"]);
     assert!(code == Some(2) && stderr.contains("structural term"), "{stderr}");
-    train(&[]).succeeded();
-    assert!(with_lpips.len() == 2 && losses().iter().zip(&with_lpips).all(|(a, b)| a != b), "{with_lpips:?}");
+    let without = at("without");
+    train(&without, &[]).succeeded();
+    let without = losses(&without);
+    assert!(with_lpips.len() == 2 && without.iter().zip(&with_lpips).all(|(a, b)| a != b), "{with_lpips:?}");
 }
