@@ -71,7 +71,7 @@ fn add_camera(hash: &mut Sha256, view: &View) {
     }
 }
 
-/// Bytes as they are written.
+/// Bytes in hexadecimal digits.
 pub fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -305,3 +305,22 @@ impl Folder {
         Ok(Self { path: temporary.path().to_path_buf(), _temporary: Some(temporary) })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::quoted;
+
+    #[test]
+    fn words_are_quoted_where_a_shell_would_break_them() {
+        let words = [
+            ("--seeds", "--seeds"),
+            ("0,1", "0,1"),
+            ("", "''"),
+            ("my data", "'my data'"),
+            ("a'b", r"'a'\''b'"),
+        ];
+        for (word, expected) in words {
+            assert_eq!(quoted(word), expected);
+        }
+    }
+}

@@ -169,6 +169,8 @@ fn arguments_out_of_range() {
         &["--refine-plot", "--refine"],
     );
     refused(&call(&["eval", "--dataset", "nerfstudio"]), &["--root"]);
+    let endless = u64::MAX.to_string();
+    refused(&call(&["eval", "--dataset", "simulated", "--scenes", &endless]), &["--scenes"]);
     refused(&call(&["demo", "--depth-range", "hint"]), &["no hint"]);
 }
 
