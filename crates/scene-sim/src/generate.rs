@@ -15,6 +15,7 @@ mod shelves;
 mod small;
 mod sun;
 mod view;
+mod wild;
 
 #[cfg(test)]
 mod tests;
@@ -23,6 +24,8 @@ use crate::random::Random;
 use crate::{Scene, Sky, Sun, Trajectory};
 use serde::{Deserialize, Serialize};
 use set::Set;
+
+pub use wild::generate_in_the_wild;
 
 /// Kinds of scenes that [`generate`] makes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]

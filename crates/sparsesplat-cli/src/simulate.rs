@@ -8,7 +8,7 @@ use crate::{output, threads};
 use clap::{Args, ValueEnum};
 use evaluate::{Recipe, count, peak_rss_bytes};
 use gs_scene::Camera;
-use scene_sim::{Kind, Photographs, RayCounts, Scene, Traced};
+use scene_sim::{Kind, Photographs, RayCounts, Scene, Traced, generate, generate_in_the_wild};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -23,6 +23,7 @@ use view_data::{DatasetWriter, DepthPercentiles, Layout, PictureFormat};
 #[command(after_help = "Examples:\n  \
     sparsesplat simulate --seed 7 -o desk                             a generated scene\n  \
     sparsesplat simulate --seed 0 --scenes 20 --kind room -o rooms    twenty of them, a folder each\n  \
+    sparsesplat simulate --seed 1 --kind garden --in-the-wild -o air  with exposure, noise and paths as found anywhere\n  \
     sparsesplat simulate courtyard.ron --format colmap -o courtyard   a described one\n  \
     sparsesplat simulate --seed 7 --write-scene desk.ron -o desk      with its description, to change by hand\n  \
     sparsesplat simulate replica_v1/room_0 --photographs walk.ron --format replica -o Replica\n\n\
@@ -39,6 +40,9 @@ pub(crate) struct Arguments {
     /// Kind of the generated scene [default: any]
     #[arg(long, value_enum, requires = "seed", conflicts_with = "scene")]
     kind: Option<KindName>,
+    /// Photograph the generated scene as strangers would: exposure that varies, noise, gardens from the air
+    #[arg(long, requires = "seed", conflicts_with = "scene")]
+    in_the_wild: bool,
     /// Generate so many scenes, from so many seeds on end; each gets a folder of its own
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = 1, conflicts_with = "scene")]
     scenes: usize,
@@ -212,8 +216,11 @@ fn jobs(arguments: &Arguments) -> Outcome<Vec<Job>> {
             let first = arguments.seed.unwrap_or_default();
             for seed in first..first.saturating_add(arguments.scenes as u64) {
                 let kind = arguments.kind.map_or_else(|| Kind::of_seed(seed), KindName::kind);
-                let scene = scene_sim::generate(kind, seed);
-                jobs.push(job(arguments, format!("{}-{seed}", kind.name()), scene, PathBuf::new(), seed)?);
+                let generate = if arguments.in_the_wild { generate_in_the_wild } else { generate };
+                let scene = generate(kind, seed);
+                let wild = if arguments.in_the_wild { "wild-" } else { "" };
+                let name = format!("{wild}{}-{seed}", kind.name());
+                jobs.push(job(arguments, name, scene, PathBuf::new(), seed)?);
             }
         }
     }

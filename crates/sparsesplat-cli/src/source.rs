@@ -42,6 +42,11 @@ pub(crate) fn simulated(seeds: Range<u64>, size: (usize, usize)) -> Vec<Plan> {
     seeds.map(|seed| Plan::simulated(SimulatedScene::Generated(Kind::of_seed(seed), seed), size)).collect()
 }
 
+/// The same scenes, photographed in the wild.
+pub(crate) fn in_the_wild(seeds: Range<u64>, size: (usize, usize)) -> Vec<Plan> {
+    seeds.map(|seed| Plan::simulated(SimulatedScene::InTheWild(Kind::of_seed(seed), seed), size)).collect()
+}
+
 impl Source {
     /// The windows of a data set; `generated` simulated scenes stand beside that of the demo.
     pub(crate) fn plan(&self, dataset: Dataset, generated: usize, depth_hint: bool) -> Outcome<Planned> {

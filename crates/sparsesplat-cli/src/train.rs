@@ -6,7 +6,7 @@ use crate::device;
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::output;
 use crate::progress::Progress;
-use crate::source::simulated;
+use crate::source::{in_the_wild, simulated};
 use crate::summary::print_line;
 use anyhow::Context;
 use attn_head::Weights;
@@ -78,6 +78,9 @@ pub(crate) struct Data {
     /// With simulated: so many generated scenes
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 240)]
     scenes: usize,
+    /// With simulated: so many more, photographed in the wild: views farther apart, exposure that varies, noise, gardens from the air
+    #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0)]
+    wild_scenes: usize,
     /// With simulated: seed of the first; those of `eval` begin at 0 and must stay unseen
     #[arg(long, value_name = "SEED", default_value_t = 1000)]
     first_seed: u64,
@@ -236,14 +239,16 @@ impl Data {
         Cases::open(plans, &predict, &self.cache, &mut |_, _| progress.step()).or_work()
     }
 
-    /// Seeds of the generated scenes to train on.
-    fn seeds(&self) -> Range<u64> {
-        self.first_seed..self.first_seed.saturating_add(self.scenes as u64)
+    /// Seeds of the generated scenes to train on: of those as they are, and of those in the wild.
+    fn seeds(&self) -> [Range<u64>; 2] {
+        let wild = self.first_seed.saturating_add(self.scenes as u64);
+        [self.first_seed..wild, wild..wild.saturating_add(self.wild_scenes as u64)]
     }
 
     /// Refuses to train on generated scenes that something else is to be measured on.
     pub(crate) fn keep_unseen(&self, held_out: &Range<u64>, done: &str) -> Outcome {
-        let ours = self.seeds();
+        let [clean, wild] = self.seeds();
+        let ours = clean.start..wild.end;
         if self.dataset == Dataset::Simulated && ours.start < held_out.end && held_out.start < ours.end {
             return Err(Failure::input(format!(
                 "scenes of the seeds {} to {} are trained on and those of {} to {} {done} on: --first-seed and the number of scenes \
@@ -260,7 +265,10 @@ impl Data {
     /// The windows that are asked for.
     pub(crate) fn plans(&self) -> Outcome<Vec<Plan>> {
         if self.dataset == Dataset::Simulated {
-            return Ok(simulated(self.seeds(), self.size));
+            let [clean, wild] = self.seeds();
+            let mut plans = simulated(clean, self.size);
+            plans.extend(in_the_wild(wild, self.size));
+            return Ok(plans);
         }
         let Some(root) = &self.root else {
             let explanation = self.dataset.explanation();

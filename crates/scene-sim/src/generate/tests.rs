@@ -300,24 +300,57 @@ fn cameras(scene: &Scene, width: usize, height: usize) -> Vec<Camera> {
     photographs.path.cameras(lens(width, height, photographs.field_of_view), photographs.count).unwrap()
 }
 
-#[test]
-fn no_thing_is_nearer_to_a_camera_than_thirty_centimetres() {
-    over(seeds(4), |kind, seed| {
-        let scene = &generate(kind, seed);
-        let traced = Traced::new(scene).unwrap();
-        let mut faults = Vec::new();
-        for camera in cameras(scene, 8, 6) {
-            let origin = traced.relative(camera.position());
-            for k in 0..200 {
-                // A spiral of directions all around.
-                let up = 1.0 - (2.0 * f64::from(k) + 1.0) / 200.0;
-                let level = DVec2::from_angle(f64::from(k) * 2.39996) * (1.0 - up * up).sqrt();
-                let hit = traced.nearest(&PathRay { origin, direction: level.extend(up) });
-                if let Some(hit) = hit.filter(|hit| hit.t < 0.3) {
-                    faults.push(format!("something {} m from {}", hit.t, camera.position()));
-                }
+/// Things nearer to a camera than 30 cm.
+fn too_near(scene: &Scene) -> Vec<String> {
+    let traced = Traced::new(scene).unwrap();
+    let mut faults = Vec::new();
+    for camera in cameras(scene, 8, 6) {
+        let origin = traced.relative(camera.position());
+        for k in 0..200 {
+            // A spiral of directions all around.
+            let up = 1.0 - (2.0 * f64::from(k) + 1.0) / 200.0;
+            let level = DVec2::from_angle(f64::from(k) * 2.39996) * (1.0 - up * up).sqrt();
+            let hit = traced.nearest(&PathRay { origin, direction: level.extend(up) });
+            if let Some(hit) = hit.filter(|hit| hit.t < 0.3) {
+                faults.push(format!("something {} m from {}", hit.t, camera.position()));
             }
         }
-        faults
-    });
+    }
+    faults
+}
+
+#[test]
+fn no_thing_is_nearer_to_a_camera_than_thirty_centimetres() {
+    over(seeds(4), |kind, seed| too_near(&generate(kind, seed)));
+}
+
+#[test]
+fn in_the_wild_the_scene_is_the_same_and_its_pictures_are_not() {
+    let effects = |kind, seed| {
+        let (tame, wild) = (generate(kind, seed), generate_in_the_wild(kind, seed));
+        assert_eq!(wild, generate_in_the_wild(kind, seed));
+        assert_eq!((&tame.primitives, &tame.meshes, tame.sun), (&wild.primitives, &wild.meshes, wild.sun));
+        let (steady, photographs) = (tame.photographs.unwrap(), wild.photographs.clone().unwrap());
+        let from_the_air = photographs.path != steady.path;
+        if from_the_air {
+            assert_eq!(kind, Kind::Garden);
+            assert_eq!(too_near(&wild), Vec::<String>::new());
+            assert!(cameras(&wild, 8, 6).iter().all(|camera| camera.position().z > 7.0));
+        }
+        if let Some(noise) = photographs.noise {
+            assert!((500.0..=10_000.0).contains(&noise.full_well), "{noise:?}");
+        }
+        [
+            photographs.exposure.is_some(),
+            photographs.noise.is_some(),
+            photographs.motion_blur.is_some(),
+            from_the_air,
+        ]
+    };
+    let found: Vec<[bool; 4]> = (0..24).into_par_iter().map(|seed| effects(Kind::Garden, seed)).collect();
+    for (effect, usual) in [0.5, 0.6, 0.2, 0.5].into_iter().enumerate() {
+        let share = found.iter().filter(|effects| effects[effect]).count() as f64 / found.len() as f64;
+        assert!((share - usual).abs() < 0.25 && share > 0.0, "effect {effect}: {share}, expected {usual}");
+    }
+    assert!(!effects(Kind::Desk, 3)[3]);
 }

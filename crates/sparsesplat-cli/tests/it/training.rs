@@ -76,6 +76,8 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
     fs::write(&config, "(steps: 4, rates: (learning_rate: 1e-4))").unwrap();
     let Called { code, stderr, .. } = train(&["--first-seed", "500"]);
     assert!(code == Some(2) && stderr.contains("--first-seed") && stderr.contains("500 to 500"), "{stderr}");
+    let Called { code, stderr, .. } = train(&["--first-seed", "490", "--wild-scenes", "10"]);
+    assert!(code == Some(2) && stderr.contains("490 to 500"), "{stderr}");
 
     let weights = run.join("weights.safetensors");
     let json = at("eval.json");
