@@ -6,7 +6,7 @@ use crate::{Error, GeometryCache, Result, Step, Window};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
 use serde::Serialize;
-use sparsesplat::{Config, Prediction, Stage, predict, predict_from, wanted};
+use sparsesplat::{Config, Exposure, Prediction, Stage, predict, predict_from, wanted};
 
 /// Photographs to Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -59,9 +59,11 @@ impl Method {
         if self.curve {
             config.smallest_gain = 0.0;
         }
-        // In the common exposure, as the Gaussians.
+        // In the exposure of the Gaussians.
         let mut exposed: Vec<View> = window.context.clone();
-        exposed.iter_mut().zip(&prediction.exposure).for_each(|(view, exposure)| exposure.apply(view));
+        if self.predict.exposure == Exposure::Common {
+            exposed.iter_mut().zip(&prediction.exposure).for_each(|(view, exposure)| exposure.apply(view));
+        }
         let scene = std::mem::replace(&mut prediction.gaussians, Gaussians::empty(0)?);
         let mut curve = Vec::new();
         let mut problem = None;

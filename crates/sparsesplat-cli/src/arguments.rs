@@ -7,7 +7,7 @@ use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use evaluate::{Lpips, Method};
 use refine::Stop;
-use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Head, Sampler};
+use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Exposure, Head, Sampler};
 use std::path::PathBuf;
 
 /// What every command takes.
@@ -60,6 +60,9 @@ pub(crate) struct Pipeline {
     /// Back what no view covers by a far shell of large Gaussians
     #[arg(long, value_name = "on|off", value_parser = on_off, default_value = "on", action = clap::ArgAction::Set)]
     pub(crate) far_shell: bool,
+    /// In which exposure the scene is, where photographs differ in theirs
+    #[arg(long, value_enum, default_value = "as-photographed")]
+    pub(crate) exposure: ExposureName,
     /// Near and far plane of the stereo: estimated from the views, as the data set hints, or two depths in scene units
     #[arg(long, value_name = "estimate|hint|NEAR,FAR", value_parser = range, default_value = "estimate")]
     pub(crate) depth_range: Range,
@@ -202,6 +205,15 @@ pub(crate) enum SamplerName {
     Bernoulli,
 }
 
+/// In which exposure a scene is whose photographs differ in theirs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ExposureName {
+    /// In theirs: it changes with the place it is seen from, as from photograph to photograph
+    AsPhotographed,
+    /// In one from everywhere, the mean of theirs
+    Common,
+}
+
 /// What turns anchors into Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum HeadName {
@@ -274,6 +286,10 @@ impl Pipeline {
                 (None, HeadName::DepthSplat) => Head::DepthSplat,
             },
             far_shell: self.far_shell,
+            exposure: match self.exposure {
+                ExposureName::AsPhotographed => Exposure::AsPhotographed,
+                ExposureName::Common => Exposure::Common,
+            },
             seed,
         })
     }

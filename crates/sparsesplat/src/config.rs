@@ -22,6 +22,8 @@ pub struct Config {
     pub head: Head,
     /// Whether a far shell backs what no view covers; counted in the budget.
     pub far_shell: bool,
+    /// In which exposure the scene is.
+    pub exposure: Exposure,
     /// Seed of the sampling.
     pub seed: u64,
 }
@@ -38,6 +40,7 @@ impl Default for Config {
             neighbours: 20,
             head: Head::Default,
             far_shell: true,
+            exposure: Exposure::AsPhotographed,
             seed: 0,
         }
     }
@@ -95,6 +98,17 @@ impl Allocation {
             Self::PixelAligned | Self::Merged | Self::VoxelAligned => true,
         }
     }
+}
+
+/// In which exposure a scene is whose photographs differ in theirs; where they agree there is no difference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Exposure {
+    /// In theirs: colours depend on where they are seen from, by SH of degree 2, and go over from the exposure of one photograph to that
+    /// of the next.
+    AsPhotographed,
+    /// In one, the mean of theirs, from everywhere.
+    Common,
 }
 
 /// How many Gaussians.

@@ -140,7 +140,7 @@ fn equalise(views: &[View], geometry: &[ViewGeometry]) -> Vec<ExposureGain> {
         .into_iter()
         .map(|[gain, bias]| match noticeable {
             true => ExposureGain { gain: gain as f32, bias: bias as f32 },
-            false => ExposureGain { gain: 1.0, bias: 0.0 },
+            false => ExposureGain::NONE,
         })
         .collect()
 }

@@ -15,7 +15,9 @@ pub mod learned;
 #[path = "unlearned.rs"]
 mod learned;
 
+mod as_photographed;
 mod exposure;
+mod harmonics;
 
 mod cells;
 mod closed_form;
@@ -25,7 +27,7 @@ mod voxels;
 
 pub use anchored::{Anchored, anchor};
 pub use backbone::{geometry, identity as backbone_identity};
-pub use config::{Allocation, Backbone, Budget, Config, Head};
+pub use config::{Allocation, Backbone, Budget, Config, Exposure, Head};
 pub use depth_backbone::{DepthRange, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};

@@ -44,9 +44,12 @@ pub struct ExposureGain {
 }
 
 impl ExposureGain {
+    /// No change.
+    pub const NONE: Self = Self { gain: 1.0, bias: 0.0 };
+
     /// Brings a view's picture into the common exposure.
     pub fn apply(self, view: &mut View) {
-        if self != (Self { gain: 1.0, bias: 0.0 }) {
+        if self != Self::NONE {
             for value in view.image_mut().data_mut() {
                 *value = self.gain * *value + self.bias;
             }

@@ -11,15 +11,20 @@
 //!
 //! The paper's 38 outputs are 1 + 3 + 4 + 27 = 35; it does not say what the other three are. An output x changes by
 //! b·tanh(x / b), b the bound: of slope 1 where training begins, and finite whatever the head says.
+//!
+//! Of the change of colour its mean over each view, by the area that anchors cover there, is taken back: a head puts colours where they
+//! belong, but how bright a photograph is on the whole the closed form knows already. Heads that learnt from scenes of middling
+//! brightness make dark photographs darker and light ones lighter without that.
 
 use super::rotate_sh::RotateSh;
+use crate::harmonics::{TERMS, basis};
 use attn_head::OUTPUTS;
-use glam::DMat3;
-use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
+use glam::DVec3;
+use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 use rayon::prelude::*;
 
 /// Numbers of SH of degree 2 per Gaussian.
-const SH: usize = 27;
+const SH: usize = 3 * TERMS;
 /// Anchors per parallel task.
 const CHUNK: usize = 1024;
 
@@ -46,6 +51,9 @@ pub struct Decoder {
     spacing: Vec<f32>,
     /// View of each anchor.
     views: Vec<u32>,
+    /// Per anchor what each coefficient of its colour, in the camera's axes, adds to the mean colour of its view, over that of the
+    /// constant one: Y(d) / Y₀ times the share of the view's anchors' area that is its own, d the direction in which its view sees it.
+    in_mean: Vec<[f32; TERMS]>,
     /// World-to-camera rotation of each view, row-major.
     rotations: Vec<[[f32; 3]; 3]>,
     rotate_sh: Vec<RotateSh>,
@@ -66,27 +74,51 @@ fn product(p: [f32; 4], q: [f32; 4]) -> [f32; 4] {
     ]
 }
 
+/// [`Decoder::in_mean`] of all anchors.
+fn in_mean(base: &Gaussians, spacing: &[f32], views: &[u32], cameras: &[Camera]) -> Vec<[f32; TERMS]> {
+    let seen = |i: usize| {
+        let geometry = &base.geometry()[i * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY];
+        let mean = DVec3::from(std::array::from_fn(|axis| f64::from(geometry[MEAN.start + axis])));
+        cameras[views[i] as usize].to_camera(mean)
+    };
+    // From the camera's own place an anchor has no direction and covers nothing that could be told.
+    let area = |i: usize| {
+        let area = f64::from(spacing[i]).powi(2) / seen(i).length_squared();
+        if area.is_finite() { area } else { 0.0 }
+    };
+    let mut areas = vec![0.0; cameras.len()];
+    (0..views.len()).for_each(|i| areas[views[i] as usize] += area(i));
+    let of = |i: usize| {
+        let share = area(i) / areas[views[i] as usize];
+        let basis = basis(seen(i).normalize_or_zero());
+        basis.map(|value| if share > 0.0 { (share * value / basis[0]) as f32 } else { 0.0 })
+    };
+    (0..views.len()).into_par_iter().map(of).collect()
+}
+
 impl Decoder {
     /// A decoder about closed-form Gaussians `base` (SH degree 0), one per anchor; `spacing` and `views` per anchor,
-    /// `rotations` world to camera per view.
+    /// `cameras` per view.
     ///
     /// # Panics
     /// If lengths differ, a view does not exist or the degree is not 0.
     #[must_use]
-    pub fn new(base: Gaussians, spacing: Vec<f32>, views: Vec<u32>, rotations: &[DMat3]) -> Self {
+    pub fn new(base: Gaussians, spacing: Vec<f32>, views: Vec<u32>, cameras: &[Camera]) -> Self {
         assert_eq!(base.sh_degree(), 0, "SH degree of the closed form");
         assert!(base.len() == spacing.len() && base.len() == views.len(), "one entry per anchor");
-        assert!(views.iter().all(|&view| (view as usize) < rotations.len()), "views that exist");
-        let rows = |rotation: &DMat3| {
-            let columns = rotation.as_mat3().to_cols_array_2d();
+        assert!(views.iter().all(|&view| (view as usize) < cameras.len()), "views that exist");
+        let rows = |camera: &Camera| {
+            let columns = camera.rotation().as_mat3().to_cols_array_2d();
             std::array::from_fn(|row| std::array::from_fn(|column| columns[column][row]))
         };
+        let in_mean = in_mean(&base, &spacing, &views, cameras);
         Self {
             base,
             spacing,
             views,
-            rotations: rotations.iter().map(rows).collect(),
-            rotate_sh: rotations.iter().map(|&rotation| RotateSh::new(rotation)).collect(),
+            in_mean,
+            rotations: cameras.iter().map(rows).collect(),
+            rotate_sh: cameras.iter().map(|camera| RotateSh::new(camera.rotation())).collect(),
         }
     }
 
@@ -116,6 +148,7 @@ impl Decoder {
     pub fn decode(&self, outputs: &[f32]) -> Gaussians {
         assert_eq!(outputs.len(), self.len() * OUTPUTS, "outputs of the head");
         const WIDTH: usize = Gaussians::GEOMETRY;
+        let means = self.mean_changes(outputs);
         let mut geometry = self.base.geometry().to_vec();
         let mut sh = vec![0.0; self.len() * SH];
         geometry
@@ -126,13 +159,35 @@ impl Decoder {
             .for_each(|(chunk, ((geometry, sh), outputs))| {
                 let rows = geometry.chunks_exact_mut(WIDTH).zip(sh.chunks_exact_mut(SH));
                 let rows = rows.zip(outputs.chunks_exact(OUTPUTS)).zip(chunk * CHUNK..);
-                rows.for_each(|(((geometry, sh), outputs), anchor)| self.row(anchor, outputs, geometry, sh));
+                rows.for_each(|(((geometry, sh), outputs), anchor)| {
+                    self.row(anchor, outputs, &means, geometry, sh);
+                });
             });
         Gaussians::new(2, geometry, sh).expect("lengths as computed")
     }
 
-    /// One anchor; `geometry` holds the closed form and receives the change.
-    fn row(&self, anchor: usize, outputs: &[f32], geometry: &mut [f32], sh: &mut [f32]) {
+    /// Mean change of colour of each view by these outputs, as a constant coefficient `[rgb]`.
+    fn mean_changes(&self, outputs: &[f32]) -> Vec<[f32; 3]> {
+        // Sums of chunks, added in their order: the same on any number of threads.
+        let of_chunk = |(chunk, outputs): (usize, &[f32])| {
+            let mut sums = vec![[0.0; 3]; self.rotations.len()];
+            for (outputs, anchor) in outputs.chunks_exact(OUTPUTS).zip(chunk * CHUNK..) {
+                let change = bounded(outputs);
+                let sum = &mut sums[self.views[anchor] as usize];
+                for (rgb, weight) in change[8..35].chunks_exact(3).zip(self.in_mean[anchor]) {
+                    (0..3).for_each(|c| sum[c] += f64::from(weight) * f64::from(rgb[c]));
+                }
+            }
+            sums
+        };
+        let chunks: Vec<Vec<[f64; 3]>> =
+            outputs.par_chunks(CHUNK * OUTPUTS).enumerate().map(of_chunk).collect();
+        let total = |view: usize, c: usize| chunks.iter().map(|sums| sums[view][c]).sum::<f64>() as f32;
+        (0..self.rotations.len()).map(|view| std::array::from_fn(|c| total(view, c))).collect()
+    }
+
+    /// One anchor; `geometry` holds the closed form and receives the change, but for the `means` of the views.
+    fn row(&self, anchor: usize, outputs: &[f32], means: &[[f32; 3]], geometry: &mut [f32], sh: &mut [f32]) {
         let change = bounded(outputs);
         let view = self.views[anchor] as usize;
         geometry[OPACITY_LOGIT] += change[0];
@@ -147,7 +202,7 @@ impl Decoder {
         }
         let (sh, _) = sh.as_chunks_mut::<3>();
         let (change, _) = change[8..35].as_chunks::<3>();
-        sh[0] = std::array::from_fn(|c| self.base.sh()[anchor * 3 + c] + change[0][c]);
+        sh[0] = std::array::from_fn(|c| self.base.sh()[anchor * 3 + c] + change[0][c] - means[view][c]);
         self.rotate_sh[view].turn(&change[1..], &mut sh[1..]);
     }
 
@@ -161,6 +216,11 @@ impl Decoder {
         const WIDTH: usize = Gaussians::GEOMETRY;
         assert_eq!(outputs.len(), self.len() * OUTPUTS, "outputs of the head");
         assert_eq!((geometry.len(), sh.len()), (self.len() * WIDTH, self.len() * SH), "derivatives");
+        let mut by_means = vec![[0.0; 3]; self.rotations.len()];
+        for (sh, &view) in sh.chunks_exact(SH).zip(&self.views) {
+            (0..3).for_each(|c| by_means[view as usize][c] -= f64::from(sh[c]));
+        }
+        let by_means: Vec<[f32; 3]> = by_means.iter().map(|by: &[f64; 3]| by.map(|by| by as f32)).collect();
         let mut by_outputs = vec![0.0; outputs.len()];
         by_outputs
             .par_chunks_mut(CHUNK * OUTPUTS)
@@ -170,13 +230,22 @@ impl Decoder {
                 let rows = by_outputs.chunks_exact_mut(OUTPUTS).zip(outputs.chunks_exact(OUTPUTS));
                 for ((by_outputs, outputs), anchor) in rows.zip(chunk * CHUNK..) {
                     let geometry = &geometry[anchor * WIDTH..][..WIDTH];
-                    self.row_backward(anchor, outputs, geometry, &sh[anchor * SH..][..SH], by_outputs);
+                    let sh = &sh[anchor * SH..][..SH];
+                    self.row_backward(anchor, outputs, &by_means, geometry, sh, by_outputs);
                 }
             });
         by_outputs
     }
 
-    fn row_backward(&self, anchor: usize, outputs: &[f32], geometry: &[f32], sh: &[f32], by: &mut [f32]) {
+    fn row_backward(
+        &self,
+        anchor: usize,
+        outputs: &[f32],
+        by_means: &[[f32; 3]],
+        geometry: &[f32],
+        sh: &[f32],
+        by: &mut [f32],
+    ) {
         let view = self.views[anchor] as usize;
         by[0] = geometry[OPACITY_LOGIT];
         by[1..4].copy_from_slice(&geometry[LOG_SCALE]);
@@ -196,6 +265,9 @@ impl Decoder {
         let (by_sh, _) = by[8..35].as_chunks_mut::<3>();
         by_sh[0] = sh[0];
         self.rotate_sh[view].backward(&sh[1..], &mut by_sh[1..]);
+        for (by, weight) in by_sh.iter_mut().zip(self.in_mean[anchor]) {
+            (0..3).for_each(|c| by[c] += weight * by_means[view][c]);
+        }
         for ((by, change), bound) in by.iter_mut().zip(bounded(outputs)).zip(BOUNDS) {
             *by *= 1.0 - (change / bound) * (change / bound);
         }
@@ -205,20 +277,29 @@ impl Decoder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DMat3;
+    use gs_scene::Intrinsics;
     use proptest::prelude::*;
+
+    /// Anchors of the decoder below.
+    const N: usize = 3;
 
     fn decoder(quaternion: [f32; 4], turn: f64) -> Decoder {
         let mut base = Gaussians::empty(0).unwrap();
         base.push([1.0, -2.0, 3.0], quaternion, [-3.0, -2.0, -4.0], 0.7, &[0.1, 0.2, -0.3]);
         base.push([0.0; 3], [1.0, 0.0, 0.0, 0.0], [-1.0; 3], -0.7, &[0.0; 3]);
+        base.push([0.5, 0.2, -1.0], [1.0, 0.0, 0.0, 0.0], [-1.5; 3], 0.2, &[0.3; 3]);
+        let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0, width: 8, height: 6 };
         let rotations = [DMat3::from_rotation_y(0.3), DMat3::from_rotation_x(turn)];
-        Decoder::new(base, vec![0.05, 2.0], vec![1, 0], &rotations)
+        let cameras =
+            rotations.map(|rotation| Camera::new(lens, rotation, DVec3::new(0.3, -0.2, 4.0)).unwrap());
+        Decoder::new(base, vec![0.05, 2.0, 0.7], vec![1, 0, 1], &cameras)
     }
 
     #[test]
     fn no_outputs_change_nothing() {
         let decoder = decoder([0.5, 0.5, -0.5, 0.5], 1.0);
-        let decoded = decoder.decode(&[0.0; 2 * OUTPUTS]);
+        let decoded = decoder.decode(&[0.0; N * OUTPUTS]);
         assert_eq!(decoded.geometry(), decoder.base().geometry());
         assert_eq!((&decoded.sh()[..3], &decoded.sh()[27..30]), (&[0.1, 0.2, -0.3][..], &[0.0; 3][..]));
         assert!(decoded.sh()[3..27].iter().all(|&c| c == 0.0));
@@ -228,7 +309,7 @@ mod tests {
     fn whatever_is_not_nan_stays_within_bounds() {
         let decoder = decoder([0.5, 0.5, -0.5, 0.5], 1.0);
         for value in [f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e20] {
-            let decoded = decoder.decode(&[value; 2 * OUTPUTS]);
+            let decoded = decoder.decode(&[value; N * OUTPUTS]);
             assert!(decoded.geometry().iter().chain(decoded.sh()).all(|v| v.is_finite()), "{value}");
             for row in decoded.geometry().chunks_exact(Gaussians::GEOMETRY) {
                 assert!(row[QUATERNION].iter().map(|q| q * q).sum::<f32>() >= 0.24, "{row:?}");
@@ -236,12 +317,52 @@ mod tests {
         }
     }
 
+    #[test]
+    fn the_mean_colour_of_a_view_stays_that_of_the_closed_form() {
+        let decoder = decoder([0.5, 0.5, -0.5, 0.5], 1.0);
+        let outputs: Vec<f32> = (0..N * OUTPUTS).map(|i| (i as f32 * 0.7).sin()).collect();
+        let decoded = decoder.decode(&outputs);
+        let mean_change = |view: u32, c: usize| -> f32 {
+            let of = |i: usize| {
+                let (own, weights) = (&decoded.sh()[i * SH..][..SH], decoder.in_mean[i]);
+                let mut camera = [[0.0; 3]; TERMS];
+                camera[0][c] = own[c] - decoder.base.sh()[3 * i + c];
+                let world: Vec<[f32; 3]> = own.as_chunks().0.to_vec();
+                // A rotation's transposed map is its inverse.
+                decoder.rotate_sh[view as usize].backward(&world[1..], &mut camera[1..]);
+                weights.iter().zip(camera).map(|(weight, rgb)| weight * rgb[c]).sum::<f32>()
+            };
+            (0..N).filter(|&i| decoder.views[i] == view).map(of).sum()
+        };
+        for (view, c) in [(0, 0), (0, 2), (1, 0), (1, 1), (1, 2)] {
+            assert!(mean_change(view, c).abs() < 1e-5, "view {view}, channel {c}");
+        }
+        // The only anchor of its view: its colour, seen from there, is what it was.
+        let from_there = decoder.in_mean[1];
+        assert!((from_there[0] - 1.0).abs() < 1e-6, "{from_there:?}");
+    }
+
+    #[test]
+    fn an_anchor_without_area_or_direction_has_no_part_in_the_mean() {
+        let mut base = Gaussians::empty(0).unwrap();
+        base.push([0.0; 3], [1.0, 0.0, 0.0, 0.0], [-1.0; 3], 0.7, &[0.1; 3]);
+        base.push([0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [-1.0; 3], 0.7, &[0.1; 3]);
+        let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0, width: 8, height: 6 };
+        let camera = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        for (spacing, expected) in [([0.1, 0.1], [0.0, 1.0]), ([0.1, 0.0], [0.0, 0.0])] {
+            let decoder = Decoder::new(base.clone(), spacing.to_vec(), vec![0, 0], &[camera]);
+            assert_eq!([0, 1].map(|i| decoder.in_mean[i][0]), expected);
+            let decoded = decoder.decode(&[1.0; 2 * OUTPUTS]);
+            assert!(decoded.sh().iter().all(|v| v.is_finite()));
+        }
+    }
+
     proptest! {
         #[test]
         fn derivatives_are_those_of_differences(
-            outputs in prop::collection::vec(-2.0f32..2.0, 2 * OUTPUTS),
-            weights in prop::collection::vec(-1.0f32..1.0, 2 * 38),
-            turn in -3.0f64..3.0, at in 0usize..2 * OUTPUTS,
+            outputs in prop::collection::vec(-2.0f32..2.0, N * OUTPUTS),
+            weights in prop::collection::vec(-1.0f32..1.0, N * 38),
+            turn in -3.0f64..3.0, at in 0usize..N * OUTPUTS,
         ) {
             let decoder = decoder([0.8, 0.0, -0.6, 0.0], turn);
             let loss = |outputs: &[f32]| -> f64 {
@@ -249,7 +370,7 @@ mod tests {
                 let values = decoded.geometry().iter().chain(decoded.sh());
                 values.zip(&weights).map(|(v, w)| f64::from(*v) * f64::from(*w)).sum()
             };
-            let found = decoder.backward(&outputs, &weights[..22], &weights[22..])[at];
+            let found = decoder.backward(&outputs, &weights[..N * 11], &weights[N * 11..])[at];
             let moved = |by: f32| {
                 let mut moved = outputs.clone();
                 moved[at] += by;

@@ -23,7 +23,7 @@ impl Anchored {
     /// What turns a head's outputs for these anchors into Gaussians.
     #[must_use]
     pub fn decoder(&self) -> Decoder {
-        let rotations: Vec<_> = self.views.iter().map(|view| view.camera().rotation()).collect();
-        Decoder::new(self.base.clone(), self.spacing.clone(), self.anchors.views.clone(), &rotations)
+        let cameras: Vec<_> = self.views.iter().map(|view| *view.camera()).collect();
+        Decoder::new(self.base.clone(), self.spacing.clone(), self.anchors.views.clone(), &cameras)
     }
 }

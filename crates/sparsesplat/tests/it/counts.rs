@@ -97,8 +97,9 @@ fn the_tau_of_a_budget_gives_its_count_and_the_shell_comes_on_top() {
 #[test]
 fn stages_are_announced_in_order_and_timed() {
     let mut stages = Vec::new();
-    let prediction = predict(&COURTYARD.0, &given_depth(2_000), &mut |stage| stages.push(stage)).unwrap();
-    check_prediction(&COURTYARD.0, &prediction);
+    let config = given_depth(2_000);
+    let prediction = predict(&COURTYARD.0, &config, &mut |stage| stages.push(stage)).unwrap();
+    check_prediction(&COURTYARD.0, &prediction, &config);
     let expected = [
         Stage::Backbone,
         Stage::Exposure,

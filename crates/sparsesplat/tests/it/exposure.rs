@@ -1,15 +1,15 @@
 use crate::{COURTYARD, given_depth, psnr, run};
 use gs_scene::View;
-use sparsesplat::ExposureGain;
+use sparsesplat::{Config, Exposure, ExposureGain};
 
-const NEUTRAL: ExposureGain = ExposureGain { gain: 1.0, bias: 0.0 };
+fn expose(view: &mut View, gain: f32, bias: f32) {
+    view.image_mut().data_mut().iter_mut().for_each(|value| *value = (gain * *value + bias).clamp(0.0, 1.0));
+}
 
 /// The views, one of them taken with another exposure.
 fn with_exposure(index: usize, gain: f32, bias: f32) -> Vec<View> {
     let mut views = COURTYARD.0.clone();
-    for value in views[index].image_mut().data_mut() {
-        *value = (gain * *value + bias).clamp(0.0, 1.0);
-    }
+    expose(&mut views[index], gain, bias);
     views
 }
 
@@ -44,32 +44,49 @@ fn gain_and_bias_of_one_view_are_found() {
 
 #[test]
 fn views_of_one_exposure_are_left_as_they_are() {
-    assert_eq!(run(&COURTYARD.0, &given_depth(2_000)).exposure, [NEUTRAL; 4]);
+    assert_eq!(run(&COURTYARD.0, &given_depth(2_000)).exposure, [ExposureGain::NONE; 4]);
     // One change for all is no difference between them.
     let mut views = COURTYARD.0.clone();
-    for view in &mut views {
-        view.image_mut().data_mut().iter_mut().for_each(|value| *value = 0.5 * *value + 0.2);
-    }
-    assert_eq!(run(&views, &given_depth(2_000)).exposure, [NEUTRAL; 4]);
+    views.iter_mut().for_each(|view| expose(view, 0.5, 0.2));
+    assert_eq!(run(&views, &given_depth(2_000)).exposure, [ExposureGain::NONE; 4]);
 }
 
 #[test]
 fn views_without_anything_in_common_are_left_as_they_are() {
-    assert_eq!(run(&with_exposure(0, 0.5, 0.3)[..1], &given_depth(500)).exposure, [NEUTRAL]);
-    assert_eq!(run(&with_exposure(1, 0.0, 0.0)[..2], &given_depth(500)).exposure, [NEUTRAL; 2]);
+    assert_eq!(run(&with_exposure(0, 0.5, 0.3)[..1], &given_depth(500)).exposure, [ExposureGain::NONE]);
+    assert_eq!(run(&with_exposure(1, 0.0, 0.0)[..2], &given_depth(500)).exposure, [ExposureGain::NONE; 2]);
 }
 
 #[test]
-fn the_scene_is_in_the_common_exposure() {
+fn a_scene_may_be_in_the_common_exposure() {
     // The others' mean gain makes up for the changed view's; a target in that exposure is met as well as before.
     let views = with_exposure(1, 1.2, -0.05);
-    let prediction = run(&views, &given_depth(8_000));
+    let prediction = run(&views, &Config { exposure: Exposure::Common, ..given_depth(8_000) });
     let common = prediction.exposure[0];
     let mut targets = COURTYARD.1.clone();
-    for value in targets.iter_mut().flat_map(|target| target.image_mut().data_mut()) {
-        *value = common.gain * *value + common.bias;
-    }
+    targets.iter_mut().for_each(|target| expose(target, common.gain, common.bias));
     let (found, before) =
         (psnr(&prediction, &targets), psnr(&run(&COURTYARD.0, &given_depth(8_000)), &COURTYARD.1));
     assert!(found > before - 0.7, "{found:.2} dB, {before:.2} dB where all views have one exposure");
+}
+
+#[test]
+fn a_scene_as_photographed_has_the_exposure_of_where_it_is_seen_from() {
+    // Along the path photographs become lighter; those between two of them, and their own, must be met with nothing known of theirs.
+    let (mut context, mut targets) = COURTYARD.clone();
+    let gain = |step: usize| 0.8 + 0.06 * step as f32;
+    context.iter_mut().enumerate().for_each(|(i, view)| expose(view, gain(2 * i), 0.0));
+    targets.iter_mut().enumerate().for_each(|(i, view)| expose(view, gain(2 * i + 1), 0.0));
+    let of = |exposure| run(&context, &Config { exposure, ..given_depth(8_000) });
+    let (followed, common) = (of(Exposure::AsPhotographed), of(Exposure::Common));
+    let ideal = run(&COURTYARD.0, &given_depth(8_000));
+    for (which, seen, unchanged) in [("held-out", &targets, &COURTYARD.1), ("own", &context, &COURTYARD.0)] {
+        let (followed, common) = (psnr(&followed, seen), psnr(&common, seen));
+        let ideal = psnr(&ideal, unchanged);
+        // More than half of what one exposure loses is won back.
+        assert!(
+            followed > 0.5 * (common + ideal),
+            "{which} views: {followed:.2} dB, {common:.2} in one exposure, {ideal:.2} where all have one"
+        );
+    }
 }

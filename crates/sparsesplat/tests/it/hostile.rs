@@ -107,7 +107,7 @@ fn pictures_of_one_colour_and_single_measured_pixels() {
         for allocation in ALL {
             let config = Config { allocation, ..given_depth(400) };
             match predict(&views, &config, &mut |_| {}) {
-                Ok(prediction) => check_prediction(&views, &prediction),
+                Ok(prediction) => check_prediction(&views, &prediction, &config),
                 Err(error) => assert!(is_sampling(&error), "{allocation:?}: {error}"),
             }
         }

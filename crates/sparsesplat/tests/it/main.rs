@@ -17,7 +17,7 @@ mod quality;
 use gs_raster::{Rasterizer, RenderSettings};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, View, sigmoid};
 use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
-use sparsesplat::{Backbone, Budget, Config, DepthRange, Prediction, predict};
+use sparsesplat::{Backbone, Budget, Config, DepthRange, Exposure, ExposureGain, Prediction, predict};
 use std::sync::LazyLock;
 
 const WIDTH: usize = 160;
@@ -48,19 +48,21 @@ fn plane_sweep(gaussians: usize) -> Config {
 
 fn run(views: &[View], config: &Config) -> Prediction {
     let prediction = predict(views, config, &mut |_| {}).unwrap();
-    check_prediction(views, &prediction);
+    check_prediction(views, &prediction, config);
     prediction
 }
 
 /// The promises that hold for every prediction: counts that add up, and Gaussians that a renderer can draw.
-fn check_prediction(views: &[View], prediction: &Prediction) {
+fn check_prediction(views: &[View], prediction: &Prediction, config: &Config) {
     let counts = &prediction.counts;
     assert_eq!(counts.total, prediction.gaussians.len());
     assert_eq!(counts.per_view.len(), views.len());
     assert_eq!(counts.per_view.iter().sum::<usize>() + counts.shell, counts.total);
     assert_eq!((prediction.geometry.len(), prediction.exposure.len()), (views.len(), views.len()));
     let closed_form = prediction.head == "closed-form";
-    assert_eq!(prediction.gaussians.sh_degree(), if closed_form { 0 } else { 2 });
+    let differ = prediction.exposure.iter().any(|&view| view != ExposureGain::NONE);
+    let coloured_by_direction = !closed_form || config.exposure == Exposure::AsPhotographed && differ;
+    assert_eq!(prediction.gaussians.sh_degree(), if coloured_by_direction { 2 } else { 0 });
     check_gaussians(&prediction.gaussians, closed_form);
     let s = &prediction.seconds;
     for seconds in [s.backbone, s.exposure, s.shell, s.sampling, s.backproject, s.knn, s.head, s.decode] {
