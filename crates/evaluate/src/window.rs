@@ -123,8 +123,8 @@ fn outcome(
 }
 
 /// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are
-/// compared as they are, floats clipped to 0..1, over a black background, in the common exposure: nothing is
-/// fitted to a target. With refinement the targets are measured before it as well. LPIPS is measured where there are
+/// compared as they are, floats clipped to 0..1, over a black background, in the exposure that the scene has
+/// from there: nothing is fitted to a target. With refinement the targets are measured before it as well. LPIPS is measured where there are
 /// weights for it.
 ///
 /// # Errors

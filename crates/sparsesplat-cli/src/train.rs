@@ -236,7 +236,13 @@ impl Data {
             return Err(Failure::input(format!("--weights {head} is of a head: begin with it by --from")));
         }
         let predict = sparsesplat::Config { backbone, ..sparsesplat::Config::default() };
-        Cases::open(plans, &predict, &self.cache, &mut |_, _| progress.step()).or_work()
+        let on_case = &mut |name: &str, why: Option<&evaluate::Error>| {
+            if let Some(why) = why {
+                progress.warn(&format!("dropped {name}: {why}"));
+            }
+            progress.step();
+        };
+        Cases::open(plans, &predict, &self.cache, on_case).or_work()
     }
 
     /// Seeds of the generated scenes to train on: of those as they are, and of those in the wild.

@@ -56,16 +56,16 @@ struct Posed {
 }
 
 impl Cases {
-    /// The cases of `plans`; those that are not in the folder `cache` yet are made. `on_case` is told of each when it is
-    /// there, with how many there are to be.
+    /// The cases of `plans`; those that are not in the folder `cache` yet are made. `on_case` is told the name of each when it is
+    /// there, or with the reason when it is left out because its views do not suffice for the backbone.
     ///
     /// # Errors
-    /// If a window cannot be loaded, has no held-out views, the backbone fails, or a file cannot be written.
+    /// If a window cannot be loaded, has no held-out views, none is left, or a file cannot be read or written.
     pub fn open(
         plans: &[Plan],
         predict: &sparsesplat::Config,
         cache: &Path,
-        on_case: &mut dyn FnMut(usize, usize),
+        on_case: &mut dyn FnMut(&str, Option<&evaluate::Error>),
     ) -> Result<Self> {
         if plans.is_empty() {
             return Err(Error::NoWindows);
@@ -74,7 +74,8 @@ impl Cases {
         let backbone = backbone_identity(&predict.backbone)?;
         let mut files = Vec::with_capacity(plans.len());
         let mut all = Sha256::new();
-        for (i, plan) in plans.iter().enumerate() {
+        let mut insufficient = None;
+        for plan in plans {
             let settings =
                 sparsesplat::Config { depth_range: plan.depth_range(predict.depth_range), ..predict.clone() };
             let (described, loaded) = match plan.description() {
@@ -85,7 +86,6 @@ impl Cases {
                 }
             };
             let key = hexadecimal(&Sha256::digest(format!("{VERSION}\n{described}")));
-            all.update(format!("{key}\n{backbone} {:?}", settings.depth_range).as_bytes());
             let file =
                 cache.join(format!("{}-{}.views.safetensors", plan.name().replace('/', "-"), &key[..16]));
             if !file.exists() {
@@ -97,10 +97,21 @@ impl Cases {
             }
             let views = Views::read(&file)?;
             if !geometry.path(&views.name, &views.context, &settings, Wanted::DepthAndFeatures)?.exists() {
-                geometry.geometry(&views.name, &views.context, &settings, Wanted::DepthAndFeatures)?;
+                match geometry.geometry(&views.name, &views.context, &settings, Wanted::DepthAndFeatures) {
+                    Err(error @ evaluate::Error::Predict(_)) => {
+                        on_case(&views.name, Some(&error));
+                        insufficient = Some(error);
+                        continue;
+                    }
+                    made => made?,
+                };
             }
+            all.update(format!("{key}\n{backbone} {:?}", settings.depth_range).as_bytes());
             files.push((file, settings));
-            on_case(i + 1, plans.len());
+            on_case(&views.name, None);
+        }
+        if let (true, Some(error)) = (files.is_empty(), insufficient) {
+            return Err(error.into());
         }
         Ok(Self { files, geometry, hash: hexadecimal(&all.finalize()) })
     }

@@ -153,6 +153,28 @@ fn a_file_of_the_cache_that_is_cut_off_or_gone_is_named() {
 }
 
 #[test]
+fn a_window_without_enough_for_the_backbone_is_named_and_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    // Of so small pictures no depth range can be estimated.
+    let [tiny, good] = [(8, 6), (96, 64)].map(|size| Plan::simulated(SimulatedScene::Courtyard, size));
+    let open = |plans: &[Plan]| {
+        let mut told = Vec::new();
+        let on_case = &mut |name: &str, why: Option<&evaluate::Error>| {
+            told.push((name.to_owned(), why.map(ToString::to_string)));
+        };
+        (Cases::open(plans, &sparsesplat::Config::default(), folder.path(), on_case), told)
+    };
+    let (both, told) = open(&[tiny.clone(), good.clone()]);
+    let (one, _) = open(&[good]);
+    let (both, one) = (both.unwrap(), one.unwrap());
+    assert_eq!((both.len(), both.sha256()), (1, one.sha256()));
+    let [(first, Some(why)), (second, None)] = &told[..] else { panic!("{told:?}") };
+    assert_eq!((&first[..], &second[..]), ("courtyard/0", "courtyard/0"));
+    assert!(why.contains("depth range"), "{why}");
+    assert!(matches!(open(&[tiny]).0, Err(Error::Evaluate(_))));
+}
+
+#[test]
 fn settings_out_of_range_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let cases = trainer(Config::default(), folder.path()).cases;
