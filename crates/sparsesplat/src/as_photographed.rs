@@ -46,9 +46,9 @@ pub(crate) fn as_photographed(
     chunks.for_each(|(sh, geometry)| {
         for (sh, geometry) in sh.chunks_exact_mut(row).zip(geometry.chunks_exact(Gaussians::GEOMETRY)) {
             let mean = DVec3::from(std::array::from_fn(|axis| f64::from(geometry[MEAN.start + axis])));
-            let coefficients = fit(mean, &seen);
+            let [factors, offsets] = fit(mean, &seen);
             let colour = rgb_from_dc([sh[0], sh[1], sh[2]]);
-            for (rgb, [factor, offset]) in sh.chunks_exact_mut(3).zip(coefficients) {
+            for ((rgb, factor), offset) in sh.chunks_exact_mut(3).zip(factors).zip(offsets) {
                 for (value, colour) in rgb.iter_mut().zip(colour) {
                     *value += (factor * f64::from(colour) + offset) as f32;
                 }
@@ -63,10 +63,10 @@ fn change(ExposureGain { gain, bias }: ExposureGain) -> Change {
     [1.0 / gain - 1.0, -f64::from(bias) / gain]
 }
 
-/// SH coefficients of the change for a Gaussian at `mean`, of factor and offset; `seen` are places and changes of the cameras.
-fn fit(mean: DVec3, seen: &[(DVec3, Change)]) -> [Change; TERMS] {
+/// SH coefficients of the change's factor and of its offset, for a Gaussian at `mean`; `seen` are places and changes of the cameras.
+fn fit(mean: DVec3, seen: &[(DVec3, Change)]) -> [[f64; TERMS]; 2] {
     let mut matrix = [[0.0; TERMS]; TERMS];
-    let mut right = [[0.0; 2]; TERMS];
+    let mut right = [[0.0; TERMS]; 2];
     for (i, row) in matrix.iter_mut().enumerate() {
         row[i] = RIDGE;
     }
@@ -74,16 +74,19 @@ fn fit(mean: DVec3, seen: &[(DVec3, Change)]) -> [Change; TERMS] {
         // From within the Gaussian there is no direction.
         let Some(direction) = (mean - eye).try_normalize() else { continue };
         let basis = basis(direction);
-        for i in 0..TERMS {
-            (0..=i).for_each(|j| matrix[i][j] += basis[i] * basis[j]);
-            (0..2).for_each(|part| right[i][part] += basis[i] * change[part]);
+        for (row, y) in matrix.iter_mut().zip(basis) {
+            row.iter_mut().zip(basis).for_each(|(entry, other)| *entry += y * other);
+        }
+        for (part, change) in right.iter_mut().zip(change) {
+            part.iter_mut().zip(basis).for_each(|(entry, y)| *entry += y * change);
         }
     }
-    solve(matrix, right)
+    decompose(&mut matrix);
+    right.map(|part| solve(&matrix, part))
 }
 
-/// A⁻¹ B for a positive definite A, of which the lower triangle is given, by Cholesky's decomposition.
-fn solve(mut a: [[f64; TERMS]; TERMS], mut b: [Change; TERMS]) -> [Change; TERMS] {
+/// Cholesky's decomposition of a positive definite matrix: its lower triangle becomes L with A = L Lᵀ.
+fn decompose(a: &mut [[f64; TERMS]; TERMS]) {
     for j in 0..TERMS {
         for i in j..TERMS {
             let dot: f64 = (0..j).map(|k| a[i][k] * a[j][k]).sum();
@@ -92,15 +95,17 @@ fn solve(mut a: [[f64; TERMS]; TERMS], mut b: [Change; TERMS]) -> [Change; TERMS
         let pivot = a[j][j].sqrt();
         a[j..].iter_mut().for_each(|row| row[j] /= pivot);
     }
-    for part in 0..2 {
-        for i in 0..TERMS {
-            let dot: f64 = (0..i).map(|k| a[i][k] * b[k][part]).sum();
-            b[i][part] = (b[i][part] - dot) / a[i][i];
-        }
-        for i in (0..TERMS).rev() {
-            let dot: f64 = (i + 1..TERMS).map(|k| a[k][i] * b[k][part]).sum();
-            b[i][part] = (b[i][part] - dot) / a[i][i];
-        }
+}
+
+/// x with L Lᵀ x = b.
+fn solve(l: &[[f64; TERMS]; TERMS], mut b: [f64; TERMS]) -> [f64; TERMS] {
+    for i in 0..TERMS {
+        let dot: f64 = (0..i).map(|k| l[i][k] * b[k]).sum();
+        b[i] = (b[i] - dot) / l[i][i];
+    }
+    for i in (0..TERMS).rev() {
+        let dot: f64 = (i + 1..TERMS).map(|k| l[k][i] * b[k]).sum();
+        b[i] = (b[i] - dot) / l[i][i];
     }
     b
 }
@@ -110,8 +115,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn dot(basis: [f64; TERMS], coefficients: &[Change; TERMS], part: usize) -> f64 {
-        basis.iter().zip(coefficients).map(|(y, s)| y * s[part]).sum()
+    fn dot(basis: [f64; TERMS], coefficients: [f64; TERMS]) -> f64 {
+        basis.iter().zip(coefficients).map(|(y, s)| y * s).sum()
     }
 
     proptest! {
@@ -124,12 +129,12 @@ mod tests {
             let mean = DVec3::from(mean);
             let seen: Vec<(DVec3, Change)> = cameras.into_iter().map(|(eye, change)| (eye.into(), change)).collect();
             let found = fit(mean, &seen);
-            for part in 0..2 {
+            for (part, found) in found.into_iter().enumerate() {
                 // The derivative of what is minimised.
-                let mut slope = found.map(|s| RIDGE * s[part]);
+                let mut slope = found.map(|s| RIDGE * s);
                 for (eye, change) in &seen {
                     let basis = basis((mean - *eye).normalize());
-                    let error = dot(basis, &found, part) - change[part];
+                    let error = dot(basis, found) - change[part];
                     slope.iter_mut().zip(basis).for_each(|(slope, y)| *slope += error * y);
                 }
                 prop_assert!(slope.iter().all(|slope| slope.abs() < 1e-10), "{slope:?}");
@@ -139,7 +144,7 @@ mod tests {
                     seen.iter().map(|(_, change)| change[part].powi(2)).sum::<f64>(),
                 );
                 let bound = (of_basis * of_changes / RIDGE).sqrt() / 2.0;
-                prop_assert!(dot(towards, &found, part).abs() <= bound + 1e-9);
+                prop_assert!(dot(towards, found).abs() <= bound + 1e-9);
             }
         }
     }
