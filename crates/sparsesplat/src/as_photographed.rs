@@ -4,8 +4,8 @@
 //! the light. A scene in the common exposure is then a little wrong from everywhere. So its colours are made to depend on where they are
 //! seen from: from the place of a photograph they have that one's exposure, from between photographs one in between.
 //!
-//! Per Gaussian the change from the common exposure, δ_c = (c - bias_c) / gain_c - c for its colour c and the photograph of
-//! camera c, is fitted over the directions d_c in which the cameras see it: s minimises Σ_c (Y(d_c)·s - δ_c)² + λ |s|².
+//! Per Gaussian the change from the common exposure, δ_c = (rgb - bias_c) / gain_c - rgb for its constant colour and the photograph
+//! of camera c, is fitted over the directions d_c in which the cameras see it: s minimises Σ_c (Y(d_c)·s - δ_c)² + λ |s|².
 
 use crate::harmonics::{DEGREE, TERMS, basis};
 use crate::{ExposureGain, Result};
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// λ. From 0.03 to 0.1 held-out photographs do not change by 0.01 dB; a larger one bounds the change better in directions that no
 /// photograph has: |Y·s| ≤ |Y| |δ| / (2 √λ).
 const RIDGE: f64 = 0.1;
-/// Exposures that differ by more than this are taken for no exposures.
+/// A gain below this, which no photograph of a scene has beside the others, is taken for this.
 const SMALLEST_GAIN: f64 = 0.1;
 /// Gaussians per parallel task.
 const CHUNK: usize = 1024;

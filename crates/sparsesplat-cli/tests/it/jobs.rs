@@ -16,8 +16,8 @@ fn number(value: &Value) -> f64 {
 fn the_scene_has_as_many_gaussians_as_asked() {
     let tiny = Tiny::new();
     let json = tiny.beside("result.json");
-    let arguments =
-        ["--gaussians", "3k", "--depth-range", RANGE, "--views", "5", "--json", json.to_str().unwrap()];
+    let arguments = ["--gaussians", "3k", "--depth-range", RANGE, "--views", "5", "--exposure", "common"];
+    let arguments = [&arguments[..], &["--json", json.to_str().unwrap()]].concat();
     let called = tiny.reconstruct(&arguments).succeeded();
     assert!(called.stdout.contains("far shell"), "{}", called.stdout);
     let n = read_ply(&tiny.beside("scene.ply")).unwrap().len();
@@ -32,6 +32,7 @@ fn the_scene_has_as_many_gaussians_as_asked() {
     for key in ["command", "git", "seed", "threads", "machine", "config", "versions"] {
         assert!(result["recipe"].get(key).is_some(), "{key}");
     }
+    assert_eq!(result["recipe"]["config"]["exposure"], "common");
     assert!(result.get("peak_rss_bytes").is_some());
     assert_eq!(result["choice"]["context"].as_array().unwrap().len(), 5);
 }
