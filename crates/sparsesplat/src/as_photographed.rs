@@ -1,19 +1,18 @@
 //! Exposure that changes with the view, as it does from photograph to photograph.
 //!
-//! Photographs differ in exposure for reasons that neighbours share: the camera meters what it looks at, ground is brighter against
-//! the light. A scene in the common exposure is then a little wrong from everywhere. So its colours are made to depend on where they are
+//! Photographs that were taken side by side are exposed alike (docs/training.md has what that is worth). So a scene's colours are made to depend on where they are
 //! seen from: from the place of a photograph they have that one's exposure, from between photographs one in between.
 //!
 //! Per Gaussian the change from the common exposure, δ_c = (rgb - bias_c) / gain_c - rgb for its constant colour and the photograph
 //! of camera c, is fitted over the directions d_c in which the cameras see it: s minimises Σ_c (Y(d_c)·s - δ_c)² + λ |s|².
 
 use crate::harmonics::{DEGREE, TERMS, basis};
-use crate::{ExposureGain, Result};
+use crate::{Exposure, ExposureGain, Result};
 use glam::DVec3;
 use gs_scene::{Gaussians, MEAN, View, rgb_from_dc, sh_coefficients};
 use rayon::prelude::*;
 
-/// λ. From 0.03 to 0.1 held-out photographs do not change by 0.01 dB; a larger one bounds the change better in directions that no
+/// λ. From 0.03 to 0.1 held-out photographs do not change by 0.01 dB (docs/training.md); a larger one bounds the change better in directions that no
 /// photograph has: |Y·s| ≤ |Y| |δ| / (2 √λ).
 const RIDGE: f64 = 0.1;
 /// A gain below this, which no photograph of a scene has beside the others, is taken for this.
@@ -24,14 +23,15 @@ const CHUNK: usize = 1024;
 /// A photograph's colour less that in the common exposure, as a function of the latter: factor and offset.
 type Change = [f64; 2];
 
-/// The Gaussians, given in the common exposure, as the views were photographed; as they are where the views do not differ, else of
-/// SH degree 2 or more. `exposure` is what brought each view into the common one.
-pub(crate) fn as_photographed(
+/// The Gaussians, given in the common exposure, in the `wanted` one; as they are where that is the same or the views do not differ,
+/// else of SH degree 2 or more. `exposure` is what brought each view into the common one.
+pub(crate) fn exposed_as(
+    wanted: Exposure,
     gaussians: Gaussians,
     views: &[View],
     exposure: &[ExposureGain],
 ) -> Result<Gaussians> {
-    if exposure.iter().all(|&view| view == ExposureGain::NONE) {
+    if wanted == Exposure::Common || exposure.iter().all(|&view| view == ExposureGain::NONE) {
         return Ok(gaussians);
     }
     let seen: Vec<(DVec3, Change)> = views
@@ -156,7 +156,7 @@ mod tests {
         one.push([0.0; 3], [1.0, 0.0, 0.0, 0.0], [0.0; 3], 0.0, &[0.3; 3]);
         for gain in [0.0, -1.0, 1e-30, f32::MAX] {
             let exposure = [ExposureGain { gain, bias: 0.5 }, ExposureGain { gain: 1.0, bias: -0.5 }];
-            let changed = as_photographed(one.clone(), &views, &exposure).unwrap();
+            let changed = exposed_as(Exposure::AsPhotographed, one.clone(), &views, &exposure).unwrap();
             assert_eq!(changed.sh_degree(), DEGREE);
             assert!(
                 changed.sh().iter().all(|v| v.is_finite() && v.abs() < 20.0),
@@ -164,8 +164,13 @@ mod tests {
                 changed.sh()
             );
         }
-        let same = as_photographed(one.clone(), &views, &[ExposureGain::NONE; 2]).unwrap();
-        assert_eq!((same.sh_degree(), same.sh()), (0, one.sh()));
+        let differing = [ExposureGain { gain: 2.0, bias: 0.0 }, ExposureGain::NONE];
+        for (wanted, exposure) in
+            [(Exposure::AsPhotographed, [ExposureGain::NONE; 2]), (Exposure::Common, differing)]
+        {
+            let same = exposed_as(wanted, one.clone(), &views, &exposure).unwrap();
+            assert_eq!((same.sh_degree(), same.sh()), (0, one.sh()));
+        }
     }
 
     fn view_from(eye: DVec3) -> View {

@@ -1,9 +1,9 @@
 //! The backbone's own head: one Gaussian of every pixel, as the network made them.
 
 use crate::anchored::timed;
-use crate::as_photographed::as_photographed;
+use crate::as_photographed::exposed_as;
 use crate::prediction::{Counts, ExposureGain, Prediction, Stage, StageSeconds};
-use crate::{Allocation, Config, Error, Exposure, Result, exposure, shell};
+use crate::{Allocation, Config, Error, Result, exposure, shell};
 use depth_backbone::ViewGeometry;
 use gs_scene::{Gaussians, SH_C0, View, sh_coefficients};
 
@@ -44,10 +44,7 @@ pub(crate) fn finish(
         }
         let mut all = all.ok_or(Error::NoOwnGaussians)?;
         all.append(&shell.clone().with_sh_degree(all.sh_degree())?);
-        match config.exposure {
-            Exposure::AsPhotographed => as_photographed(all, views, &exposure),
-            Exposure::Common => Ok(all),
-        }
+        exposed_as(config.exposure, all, views, &exposure)
     })?;
     let counts = Counts { total: gaussians.len(), per_view, shell: shell.len() };
     let (head, geometry) = (NAME.to_owned(), Vec::new());

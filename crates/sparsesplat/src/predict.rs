@@ -1,9 +1,9 @@
 use crate::anchored::{Anchored, anchor, timed};
-use crate::as_photographed::as_photographed;
+use crate::as_photographed::exposed_as;
 use crate::learned::LearnedHead;
 use crate::merge::merge;
 use crate::prediction::{Prediction, Stage, StageSeconds};
-use crate::{Allocation, Budget, Config, Error, Exposure, Head, Result, backbone, own_head};
+use crate::{Allocation, Budget, Config, Error, Head, Result, backbone, own_head};
 use depth_backbone::{ViewGeometry, Wanted};
 use gs_scene::View;
 
@@ -96,10 +96,7 @@ fn finish(
             gaussians = merged.gaussians;
         }
         gaussians.append(&shell.with_sh_degree(gaussians.sh_degree())?);
-        match config.exposure {
-            Exposure::AsPhotographed => as_photographed(gaussians, views, &exposure),
-            Exposure::Common => Ok(gaussians),
-        }
+        exposed_as(config.exposure, gaussians, views, &exposure)
     })?;
     let head = head.map_or_else(|| CLOSED_FORM.to_owned(), |head| head.name().to_owned());
     Ok(Prediction { gaussians, head, counts, tau, geometry: Vec::new(), exposure, depth_range, seconds })

@@ -13,8 +13,8 @@
 //! b·tanh(x / b), b the bound: of slope 1 where training begins, and finite whatever the head says.
 //!
 //! Of the change of colour its mean over each view, by the area that anchors cover there, is taken back: a head puts colours where they
-//! belong, but how bright a photograph is on the whole the closed form knows already. Heads that learnt from scenes of middling
-//! brightness make dark photographs darker and light ones lighter without that.
+//! belong, but how bright a photograph is on the whole the closed form knows already. Without that the default
+//! head made dark photographs darker and light ones lighter (docs/training.md).
 
 use super::rotate_sh::RotateSh;
 use crate::harmonics::{TERMS, basis};
@@ -86,10 +86,11 @@ fn in_mean(base: &Gaussians, spacing: &[f32], views: &[u32], cameras: &[Camera])
         let area = f64::from(spacing[i]).powi(2) / seen(i).length_squared();
         if area.is_finite() { area } else { 0.0 }
     };
+    let own: Vec<f64> = (0..views.len()).into_par_iter().map(area).collect();
     let mut areas = vec![0.0; cameras.len()];
-    (0..views.len()).for_each(|i| areas[views[i] as usize] += area(i));
+    views.iter().zip(&own).for_each(|(&view, area)| areas[view as usize] += area);
     let of = |i: usize| {
-        let share = area(i) / areas[views[i] as usize];
+        let share = own[i] / areas[views[i] as usize];
         let basis = basis(seen(i).normalize_or_zero());
         basis.map(|value| if share > 0.0 { (share * value / basis[0]) as f32 } else { 0.0 })
     };
