@@ -88,6 +88,7 @@ fn photographs() -> Photographs {
         rolling_shutter: None,
         exposure: None,
         noise: None,
+        pose_error: None,
     }
 }
 

@@ -13,7 +13,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// What docs/gallery.md shows: kind, seed, index of the picture.
-const SHOWN: [(Kind, u64, usize); 8] = [
+const SHOWN: [(Kind, u64, usize); 9] = [
     (Kind::Room, 5, 5),
     (Kind::Room, 3, 5),
     (Kind::Desk, 2, 5),
@@ -22,6 +22,7 @@ const SHOWN: [(Kind, u64, usize); 8] = [
     (Kind::Facade, 2, 5),
     (Kind::Garden, 5, 5),
     (Kind::Garden, 1, 5),
+    (Kind::Wood, 1, 5),
 ];
 
 /// Width and height of one of the two pictures of a pair.

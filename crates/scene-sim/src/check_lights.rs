@@ -74,6 +74,8 @@ impl Place<'_> {
             let balance = exposure.white_balance;
             self.rule((0.0..=2.0).contains(&balance), "white_balance", balance, "0 to 2")?;
         }
+        let turn = photographs.pose_error.unwrap_or(0.0);
+        self.rule((0.0..=10.0).contains(&turn), "pose_error", turn, "0 to 10 degrees")?;
         photographs.noise.map_or(Ok(()), |noise| {
             let (full, read) = (noise.full_well, noise.read);
             self.rule((1.0..=1e9).contains(&full), "full_well", full, "1 to 1e9 electrons")?;

@@ -43,6 +43,10 @@ pub struct Photographs {
     /// Noise of the sensor.
     #[serde(default)]
     pub noise: Option<SensorNoise>,
+    /// Poses that are stated a little wrong, as those are that were found from pictures: standard deviation of the camera's
+    /// turn about each of its axes, degrees, 0 to 10. The place is right, and the depth is that of the true pose.
+    #[serde(default)]
+    pub pose_error: Option<f64>,
 }
 
 fn nine() -> u32 {

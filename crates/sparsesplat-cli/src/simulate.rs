@@ -40,7 +40,7 @@ pub(crate) struct Arguments {
     /// Kind of the generated scene [default: any]
     #[arg(long, value_enum, requires = "seed", conflicts_with = "scene")]
     kind: Option<KindName>,
-    /// Photograph the generated scene as strangers would: exposure that varies, noise, gardens from the air
+    /// Photograph the generated scene as strangers would: exposure that varies, noise, poses a little wrong, gardens from the air
     #[arg(long, requires = "seed", conflicts_with = "scene")]
     in_the_wild: bool,
     /// Generate so many scenes, from so many seeds on end; each gets a folder of its own
@@ -85,6 +85,8 @@ enum KindName {
     Facade,
     /// Gardens with plants
     Garden,
+    /// Trees and glades from the air
+    Wood,
 }
 
 /// Layouts that are written.
@@ -215,10 +217,17 @@ fn jobs(arguments: &Arguments) -> Outcome<Vec<Job>> {
         None => {
             let first = arguments.seed.unwrap_or_default();
             for seed in first..first.saturating_add(arguments.scenes as u64) {
-                let kind = arguments.kind.map_or_else(|| Kind::of_seed(seed), KindName::kind);
-                let generate = if arguments.in_the_wild { generate_in_the_wild } else { generate };
+                let (of_seed, generate, wild) = if arguments.in_the_wild {
+                    (
+                        Kind::of_seed_in_the_wild as fn(u64) -> Kind,
+                        generate_in_the_wild as fn(Kind, u64) -> Scene,
+                        "wild-",
+                    )
+                } else {
+                    (Kind::of_seed as _, generate as _, "")
+                };
+                let kind = arguments.kind.map_or_else(|| of_seed(seed), KindName::kind);
                 let scene = generate(kind, seed);
-                let wild = if arguments.in_the_wild { "wild-" } else { "" };
                 let name = format!("{wild}{}-{seed}", kind.name());
                 jobs.push(job(arguments, name, scene, PathBuf::new(), seed)?);
             }
@@ -321,6 +330,7 @@ impl KindName {
             Self::Shelves => Kind::Shelves,
             Self::Facade => Kind::Facade,
             Self::Garden => Kind::Garden,
+            Self::Wood => Kind::Wood,
         }
     }
 }

@@ -44,7 +44,9 @@ pub(crate) fn simulated(seeds: Range<u64>, size: (usize, usize)) -> Vec<Plan> {
 
 /// The same scenes, photographed in the wild.
 pub(crate) fn in_the_wild(seeds: Range<u64>, size: (usize, usize)) -> Vec<Plan> {
-    seeds.map(|seed| Plan::simulated(SimulatedScene::InTheWild(Kind::of_seed(seed), seed), size)).collect()
+    seeds
+        .map(|seed| Plan::simulated(SimulatedScene::InTheWild(Kind::of_seed_in_the_wild(seed), seed), size))
+        .collect()
 }
 
 impl Source {

@@ -41,9 +41,9 @@ pub(crate) struct Arguments {
     /// Settings of the training
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Begin with these weights instead of drawn ones
+    /// Begin with these weights instead of drawn ones; with several, each after its own --from, with their mean
     #[arg(long, value_name = "FILE")]
-    from: Option<PathBuf>,
+    from: Vec<PathBuf>,
     /// Print the settings as they would be used, and stop
     #[arg(long)]
     print_config: bool,
@@ -78,7 +78,7 @@ pub(crate) struct Data {
     /// With simulated: so many generated scenes
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 240)]
     scenes: usize,
-    /// With simulated: so many more, photographed in the wild: views farther apart, exposure that varies, noise, gardens from the air
+    /// With simulated: so many more, photographed in the wild: views farther apart, exposure that varies, noise, poses a little wrong; woods
     #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0)]
     wild_scenes: usize,
     /// With simulated: seed of the first; those of `eval` begin at 0 and must stay unseen
@@ -127,10 +127,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     if let Some(lpips) = arguments.lpips.read()? {
         trainer = trainer.with_lpips(lpips);
     }
-    if let Some(path) = &arguments.from {
-        let weights = Weights::read(path).or_input()?;
-        trainer.start_from(&weights).with_context(|| path.display().to_string()).or_input()?;
-    }
+    let earlier =
+        arguments.from.iter().map(|path| Ok((path.display().to_string(), Weights::read(path).or_input()?)));
+    trainer.start_from(&earlier.collect::<Outcome<Vec<_>>>()?).or_input()?;
     let run = Run {
         folder,
         validation: Some((&validation, arguments.validate_every)),

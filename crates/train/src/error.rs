@@ -48,8 +48,10 @@ pub enum Error {
         what: &'static str,
     },
     /// Weights to begin with that are of another head.
-    #[error("weights of {found}, expected {expected}")]
+    #[error("{weights}: weights of {found}, expected {expected}")]
     OtherHead {
+        /// What the weights are called.
+        weights: String,
         /// The head that is to be trained.
         expected: String,
         /// The head that the weights are of.

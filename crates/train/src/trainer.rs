@@ -120,19 +120,28 @@ impl Trainer {
         })
     }
 
-    /// Begins with the weights of an earlier run instead of drawn ones.
+    /// Begins with the weights of an earlier run instead of drawn ones; with those of several with their mean, which is of use where
+    /// one run began with what another had made. `runs` are names, for errors, and weights; none changes nothing.
     ///
     /// # Errors
-    /// If they are of a head of another shape, or were trained on other features.
-    pub fn start_from(&mut self, weights: &Weights) -> Result<()> {
-        let features = weights.metadata.get(FEATURES).map_or("", String::as_str);
-        if weights.config != self.net.config() || features != self.schema {
-            return Err(Error::OtherHead {
-                expected: format!("{:?}, features {:?}", self.net.config(), self.schema),
-                found: format!("{:?}, features {features:?}", weights.config),
-            });
+    /// If one is of a head of another shape, or was trained on other features.
+    pub fn start_from(&mut self, runs: &[(String, Weights)]) -> Result<()> {
+        for (name, weights) in runs {
+            let features = weights.metadata.get(FEATURES).map_or("", String::as_str);
+            if weights.config != self.net.config() || features != self.schema {
+                return Err(Error::OtherHead {
+                    weights: name.clone(),
+                    expected: format!("{:?}, features {:?}", self.net.config(), self.schema),
+                    found: format!("{:?}, features {features:?}", weights.config),
+                });
+            }
         }
-        self.weights.clone_from(&weights.values);
+        if !runs.is_empty() {
+            for (i, weight) in self.weights.iter_mut().enumerate() {
+                let sum: f64 = runs.iter().map(|(_, weights)| f64::from(weights.values[i])).sum();
+                *weight = (sum / runs.len() as f64) as f32;
+            }
+        }
         Ok(())
     }
 

@@ -143,10 +143,20 @@ fn a_run_may_begin_with_the_weights_of_another() {
     let path = folder.path().join("weights.safetensors");
     first.weights().write(&path).unwrap();
     let mut second = trainer(Config { seed: 5, ..Config::default() }, folder.path());
-    second.start_from(&Weights::read(&path).unwrap()).unwrap();
+    let drawn = second.weights.clone();
+    second.start_from(&[]).unwrap();
+    assert_eq!(second.weights, drawn);
+    let named = |weights| ("earlier".to_owned(), weights);
+    second.start_from(&[named(Weights::read(&path).unwrap())]).unwrap();
     assert_eq!(second.weights, first.weights);
+    let drawn = Weights { values: drawn, ..first.weights() };
+    second.start_from(&[named(first.weights()), named(drawn.clone())]).unwrap();
+    for ((mean, a), b) in second.weights.iter().zip(&first.weights).zip(&drawn.values) {
+        assert_eq!(*mean, ((f64::from(*a) + f64::from(*b)) / 2.0) as f32);
+    }
     let mut other = trainer(Config { neighbours: 3, ..Config::default() }, folder.path());
-    assert!(matches!(other.start_from(&first.weights()), Err(Error::OtherHead { .. })));
+    let error = other.start_from(&[named(first.weights())]).unwrap_err();
+    assert!(matches!(&error, Error::OtherHead { weights, .. } if weights == "earlier"), "{error}");
 }
 
 #[test]

@@ -4,6 +4,7 @@ use crate::Trajectory;
 use crate::generate::Plan;
 use crate::generate::form::Form;
 use crate::generate::palette::{BLACK, STEEL};
+use crate::generate::plants::LEAVES;
 use crate::generate::set::{Frame, Set};
 use crate::generate::sun::daylight;
 use crate::generate::view::{Wish, by_hand};
@@ -77,7 +78,7 @@ impl Set {
     }
 
     /// A car that stands along x.
-    fn car(&mut self, frame: &Frame) {
+    pub(crate) fn car(&mut self, frame: &Frame) {
         let paint = plain(self.random.strong());
         let (rubber, glass) = (plain([0.08, 0.08, 0.08]), plain([0.16, 0.19, 0.22]));
         let (long, wide) = (self.random.within(3.7, 4.4), 1.68);
@@ -140,7 +141,7 @@ impl Set {
                     let grate = plain([0.20, 0.17, 0.15]);
                     self.block(&edge, "tree pit", v(0.9, 0.6, 0.003), DVec3::ZERO, grate);
                     let tall = self.random.within(4.2, 6.2);
-                    self.tree(&edge.at(v(0.0, 0.0, 0.0), 0.0), "tree", tall);
+                    self.tree(&edge.at(v(0.0, 0.0, 0.0), 0.0), "tree", tall, LEAVES);
                 }
                 1 => self.street_lamp(&edge),
                 2 => {

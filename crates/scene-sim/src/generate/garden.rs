@@ -3,6 +3,7 @@
 use crate::generate::Plan;
 use crate::generate::form::Form;
 use crate::generate::palette::{STEEL, WHITE};
+use crate::generate::plants::LEAVES;
 use crate::generate::set::{Frame, Set};
 use crate::generate::sun::daylight;
 use crate::generate::view::{Wish, by_hand};
@@ -285,7 +286,7 @@ pub(crate) fn garden(set: &mut Set) -> Plan {
         let y = if k == 0 && !housed { half.y - 1.2 } else { set.random.within(-0.2, 0.2) * half.y };
         let tall = set.random.within(2.8, 4.6);
         let turn = set.random_turn();
-        set.tree(&world.at(v(x, y, 0.0), turn), "tree", tall);
+        set.tree(&world.at(v(x, y, 0.0), turn), "tree", tall, LEAVES);
         taken.push((DVec2::new(x, y), 0.7));
     }
     let far = half.y - if housed { 2.3 } else { 0.6 };

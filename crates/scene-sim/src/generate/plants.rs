@@ -7,9 +7,12 @@ use crate::generate::set::{Frame, Set};
 use crate::stage::{noise, v};
 use glam::{DVec2, DVec3};
 
+/// Lengths of the leaves of a tree, metres.
+pub(crate) const LEAVES: [f64; 2] = [0.09, 0.14];
+
 impl Set {
-    /// A tree on the origin, `tall` metres.
-    pub(crate) fn tree(&mut self, frame: &Frame, name: &str, tall: f64) {
+    /// A tree on the origin, `tall` metres, with leaves of a length between the two, metres.
+    pub(crate) fn tree(&mut self, frame: &Frame, name: &str, tall: f64, leaf: [f64; 2]) {
         let bark = self.random.pick(&[[0.36, 0.28, 0.21], [0.45, 0.41, 0.36], [0.30, 0.22, 0.17]]);
         let bark = noise(bark.map(|c| 0.55 * c), bark, 0.08, 4);
         let slim = tall * self.random.within(0.018, 0.028);
@@ -22,7 +25,7 @@ impl Set {
         self.rod(frame, &format!("{name} branch"), 0.6 * slim, stem, bark);
         let (branch, crown) = (format!("{name} branch"), format!("{name} crown"));
         let leaves = {
-            let leaf = self.random.within(0.09, 0.14);
+            let leaf = self.random.within(leaf[0], leaf[1]);
             self.random.leaves(leaf, 0.5)
         };
         let sheet = (0.13 * tall).min(0.6);

@@ -2,6 +2,7 @@
 
 use crate::generate::form::{Form, Opening};
 use crate::generate::palette::{BLACK, BRASS, STEEL, WHITE};
+use crate::generate::plants::LEAVES;
 use crate::generate::set::{Frame, HAIR, Set};
 use crate::stage::{noise, plain, v};
 use crate::{MeshSource, Pattern, Rgb, Sky, Sun};
@@ -245,7 +246,7 @@ impl Set {
             for _ in 0..4 {
                 let place = v(self.random.within(-9.0, 9.0), self.random.within(4.5, 11.0), 0.0);
                 let tall = self.random.within(3.0, 6.5);
-                self.tree(&frame.at(place, 0.0), "outside tree", tall);
+                self.tree(&frame.at(place, 0.0), "outside tree", tall, LEAVES);
             }
         }
     }

@@ -194,6 +194,7 @@ pub(crate) fn photograph(
         rolling_shutter: None,
         exposure,
         noise,
+        pose_error: None,
     });
     true
 }

@@ -5,10 +5,11 @@ use super::lens_rays::{LensRays, is_plain};
 use super::rays::{CameraRays, Pinhole, strata};
 use super::sensor::Sensor;
 use super::{Picture, RayCounts, Renderer, check_samples, fold};
-use crate::noise::hash;
+use crate::noise::{hash, normal};
 use crate::trace::Traced;
 use crate::{Error, Photographs, Result};
-use gs_scene::{Image, Lens, View};
+use glam::{DMat3, EulerRot};
+use gs_scene::{Camera, Image, Lens, View};
 
 /// A picture with what is known of it.
 #[derive(Debug, Clone)]
@@ -78,12 +79,25 @@ fn take(
     };
     let Picture { image, depth, linear: light, counts: rays } = picture;
     Ok(Photograph {
-        view: View::new(format!("frame_{index:05}"), image, camera, Some(depth))?,
+        view: View::new(
+            format!("frame_{index:05}"),
+            image,
+            stated(&camera, photographs, seed)?,
+            Some(depth),
+        )?,
         lens,
         gains: sensor.map_or([1.0; 3], |sensor| sensor.gains().to_array()),
         light,
         rays,
     })
+}
+
+/// The pose that is stated of a picture taken by `camera`; `seed` is that of the picture.
+fn stated(camera: &Camera, photographs: &Photographs, seed: u32) -> Result<Camera> {
+    let Some(error) = photographs.pose_error.filter(|error| *error > 0.0) else { return Ok(*camera) };
+    let angle = |axis| (error * normal(hash(axis, 0, 0x73, seed))).to_radians();
+    let turn = DMat3::from_euler(EulerRot::XYZ, angle(0), angle(1), angle(2));
+    Ok(Camera::new(*camera.intrinsics(), turn * camera.rotation(), turn * camera.translation())?)
 }
 
 /// What the inner loops have in common.

@@ -169,6 +169,9 @@ fn wrong_photographs_and_lights_are_errors_that_name_the_field() {
     assert!(
         message(|p| p.noise = Some(SensorNoise { full_well: 1e3, read: f64::NAN })).contains("read is NaN")
     );
+    assert!(
+        message(|p| p.pose_error = Some(f64::NAN)).contains("pose_error is NaN, expected 0 to 10 degrees")
+    );
     assert_eq!(
         photograph(&traced, &plain(), 5, 0).unwrap_err().to_string(),
         "photographs: picture 5 is asked for, there are 5, counted from 0"

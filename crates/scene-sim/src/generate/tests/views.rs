@@ -83,7 +83,7 @@ fn pictures_overlap_are_filled_and_have_both_detail_and_even_parts() {
         fault((0.6..0.92).contains(&mean(&overlaps)), format!("neighbours overlap by {overlaps:.2?}"));
         fault(overlaps.iter().all(|share| *share > 0.5), format!("neighbours overlap by {overlaps:.2?}"));
 
-        let least = if matches!(kind, Kind::Facade | Kind::Garden) { 0.5 } else { 0.95 };
+        let least = if matches!(kind, Kind::Facade | Kind::Garden | Kind::Wood) { 0.5 } else { 0.95 };
         for (k, view) in views.iter().enumerate() {
             let coverage = view.depth().unwrap().coverage();
             fault(coverage > least, format!("picture {k} is filled by {coverage}"));
@@ -92,7 +92,8 @@ fn pictures_overlap_are_filled_and_have_both_detail_and_even_parts() {
         // Without soft shadows in the corners a bare room is more even here than in its pictures.
         fault((0.05..0.75).contains(&mean(&even)), format!("even shares {even:.2?}"));
         let shown = views.iter().map(|view| names(&scene, &points(view))).max().unwrap();
-        fault(shown >= 8, format!("{shown} sorts of things are seen"));
+        let sorts = if kind == Kind::Wood { 4 } else { 8 };
+        fault(shown >= sorts, format!("{shown} sorts of things are seen"));
         faults
     });
 }
