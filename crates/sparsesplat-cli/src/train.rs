@@ -32,6 +32,8 @@ use train::{Cases, Config, Look, Score, Trainer};
     sparsesplat train -o run                                       the default head on simulated scenes\n  \
     sparsesplat train -o run --resume                              goes on after an interruption, bit for bit\n  \
     sparsesplat train -o run --config mlp.ron --scenes 40\n  \
+    sparsesplat train -o mean --config none.ron --from a.safetensors --from b.safetensors\n  \
+    \x20                                                              the mean of two runs, where none.ron is (steps: 0)\n  \
     sparsesplat train -o run --dataset nerfstudio --root photographs --size 240x160\n\n\
     A configuration is RON; what it leaves out is as in the default, which --print-config shows.")]
 pub(crate) struct Arguments {
@@ -166,7 +168,8 @@ impl Run<'_> {
     /// All steps that are left.
     pub(crate) fn complete(&self, trainer: &mut Trainer) -> Outcome {
         let checkpoint = self.checkpoint();
-        if checkpoint.exists() {
+        let begun = checkpoint.exists();
+        if begun {
             if !self.resume {
                 let checkpoint = checkpoint.display();
                 return Err(Failure::input(format!(
@@ -183,6 +186,9 @@ impl Run<'_> {
         let progress = Progress::new(config.steps);
         progress.set(trainer.steps());
         let (mut psnr, mut loss) = (f64::NAN, f64::NAN);
+        if config.steps == 0 && !begun {
+            self.validate(trainer, &mut log, &progress)?;
+        }
         while trainer.steps() < config.steps {
             let record = trainer.step().or_work()?;
             let mean = |mean: f64, new: f64| if mean.is_nan() { new } else { mean + 0.02 * (new - mean) };
@@ -195,17 +201,8 @@ impl Run<'_> {
             ));
             log.write(&record)?;
             let (step, done) = (trainer.steps(), trainer.steps() == config.steps);
-            if let Some((cases, every)) = self.validation
-                && (step.is_multiple_of(every) || done)
-            {
-                let scores = validate(trainer, cases, self.folder)?;
-                let line = scores.iter().map(|score| {
-                    let Score { density, psnr, psnr_closed_form } = score;
-                    format!("{density}: {psnr:.2} dB ({:+.2})", psnr - psnr_closed_form)
-                });
-                let line = line.collect::<Vec<_>>().join(", ");
-                progress.line(&format!("step {step}: held-out at density {line}"));
-                log.write(&Validation { step, validation: scores })?;
+            if self.validation.is_some_and(|(_, every)| step.is_multiple_of(every) || done) {
+                self.validate(trainer, &mut log, &progress)?;
             }
             if step.is_multiple_of(self.save_every) && !done {
                 self.keep(trainer, &mut log)?;
@@ -213,6 +210,20 @@ impl Run<'_> {
         }
         // Also where nothing was left to do: what was broken off may have left a checkpoint and the weights of an earlier step.
         self.keep(trainer, &mut log)
+    }
+
+    /// Holds the head as it is against the closed form on the held-out windows, if there are any.
+    fn validate(&self, trainer: &Trainer, log: &mut Log, progress: &Progress) -> Outcome {
+        let Some((cases, _)) = self.validation else { return Ok(()) };
+        let step = trainer.steps();
+        let scores = validate(trainer, cases, self.folder)?;
+        let line = scores.iter().map(|score| {
+            let Score { density, psnr, psnr_closed_form } = score;
+            format!("{density}: {psnr:.2} dB ({:+.2})", psnr - psnr_closed_form)
+        });
+        let line = line.collect::<Vec<_>>().join(", ");
+        progress.line(&format!("step {step}: held-out at density {line}"));
+        log.write(&Validation { step, validation: scores })
     }
 
     fn keep(&self, trainer: &Trainer, log: &mut Log) -> Outcome {

@@ -19,7 +19,7 @@ pub struct Config {
     /// Largest relative error that is added to confirmed depth, in half of the passes (three times that where depth is
     /// filled in): a head that has met nothing but good depth does not mend bad.
     pub depth_error: f64,
-    /// Steps in all.
+    /// Steps in all; with none the weights that a run begins with are all that it makes.
     pub steps: usize,
     /// Windows per step, one after the other (paper: 2).
     pub batch: usize,
@@ -67,9 +67,6 @@ impl Config {
         }
         if !(0.0..=0.2).contains(&self.depth_error) {
             return refuse("depth_error", self.depth_error.to_string(), "a share from 0 to 0.2");
-        }
-        if self.steps == 0 {
-            return refuse("steps", "0".to_owned(), "a number above 0");
         }
         if self.allocation == Allocation::Merged {
             let expected =

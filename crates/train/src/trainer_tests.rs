@@ -220,7 +220,6 @@ fn settings_out_of_range_are_refused() {
         Config { targets: 0, contexts: 0, ..Config::default() },
         Config { lambda: f32::NAN, ..Config::default() },
         Config { depth_error: 0.3, ..Config::default() },
-        Config { steps: 0, ..Config::default() },
         Config { rates: endless, ..Config::default() },
         Config { targets: usize::MAX, contexts: 1, batch: 0, ..Config::default() },
         Config { rates, ..Config::default() },

@@ -55,6 +55,18 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
     assert!(fs::read_to_string(run.join("curve.svg")).unwrap().contains("</svg>"));
     assert!(run.join("validation/step-000003.png").exists());
 
+    // The mean of two runs, without a step: here of one run and itself.
+    fs::write(at("none.ron"), "(steps: 0, neighbours: 5)").unwrap();
+    let weights = run.join("weights.safetensors");
+    let shared =
+        ["train", "--cache", text(&cache), "--size", "96x64", "--scenes", "1", "--validation-scenes", "1"];
+    let mean = ["--config", text(&at("none.ron")), "--from", text(&weights), "--from", text(&weights)];
+    call(&[&shared[..], &mean, &["-o", text(&at("mean")), "--device", "cpu"]].concat()).succeeded();
+    assert_eq!(values(&at("mean").join("weights.safetensors")), whole);
+    let mean = fs::read_to_string(at("mean").join("log.jsonl")).unwrap();
+    let last: Value = serde_json::from_str(mean.lines().last().unwrap()).unwrap();
+    assert_eq!(last["validation"], lines.last().unwrap()["validation"]);
+
     // Nobody begins anew over a run that is there without saying so.
     let Called { code, stderr, .. } = train(&[]);
     assert!(code == Some(2) && stderr.contains("--resume"), "{stderr}");
