@@ -56,14 +56,17 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
     assert!(run.join("validation/step-000003.png").exists());
 
     // The mean of two runs, without a step: here of one run and itself.
-    fs::write(at("none.ron"), "(steps: 0, neighbours: 5)").unwrap();
+    let none = at("none.ron");
+    fs::write(&none, "(steps: 0, neighbours: 5)").unwrap();
     let weights = run.join("weights.safetensors");
     let shared =
         ["train", "--cache", text(&cache), "--size", "96x64", "--scenes", "1", "--validation-scenes", "1"];
-    let mean = ["--config", text(&at("none.ron")), "--from", text(&weights), "--from", text(&weights)];
-    call(&[&shared[..], &mean, &["-o", text(&at("mean")), "--device", "cpu"]].concat()).succeeded();
-    assert_eq!(values(&at("mean").join("weights.safetensors")), whole);
-    let mean = fs::read_to_string(at("mean").join("log.jsonl")).unwrap();
+    let mean = at("mean");
+    let own =
+        ["--config", text(&none), "--from", text(&weights), "--from", text(&weights), "-o", text(&mean)];
+    call(&[&shared[..], &own, &["--device", "cpu"]].concat()).succeeded();
+    assert_eq!(values(&mean.join("weights.safetensors")), whole);
+    let mean = fs::read_to_string(mean.join("log.jsonl")).unwrap();
     let last: Value = serde_json::from_str(mean.lines().last().unwrap()).unwrap();
     assert_eq!(last["validation"], lines.last().unwrap()["validation"]);
 
