@@ -55,15 +55,16 @@ impl Set {
             let place = middle + DVec2::from_angle(angle) * (radius * self.random.within(0.2, 0.8));
             let own = Frame::new(place.extend(0.0), self.random_turn());
             // One bed at most: two that overlap would share a plane.
-            match if k == 0 { 4 } else { self.random.count(0, 3) } {
+            if k == 0 {
+                let size = DVec2::new(self.random.within(1.0, 2.2), self.random.within(0.8, 1.6));
+                self.flower_bed(&own, size);
+                continue;
+            }
+            match self.random.count(0, 3) {
                 0 => self.bench(&own, 1.6),
                 1 => {
                     let size = v(self.random.within(1.0, 2.0), self.random.within(1.0, 1.8), 1.2);
                     self.bush(&own, size);
-                }
-                4 => {
-                    let size = DVec2::new(self.random.within(1.0, 2.2), self.random.within(0.8, 1.6));
-                    self.flower_bed(&own, size);
                 }
                 2 => {
                     let stone = noise([0.34, 0.33, 0.31], [0.68, 0.66, 0.62], 0.3, 7);
@@ -86,9 +87,9 @@ impl Set {
 pub(crate) fn wood(set: &mut Set) -> Plan {
     let turn = set.random_turn();
     let aside = set.random_shift(6.0);
-    let track = Frame::new((DVec2::from_angle((turn + 90.0).to_radians()) * aside).extend(0.0), turn);
-    set.forest_floor(&track);
     let across = DVec2::from_angle((turn + 90.0).to_radians());
+    let track = Frame::new((across * aside).extend(0.0), turn);
+    set.forest_floor(&track);
     let on_track = |p: DVec2, reach: f64| (p.dot(across) - aside).abs() < 0.5 * TRACK + reach;
     // What is taken: middle and radius.
     let mut taken: Vec<(DVec2, f64)> = Vec::new();
