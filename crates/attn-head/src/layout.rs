@@ -1,5 +1,8 @@
 use crate::{Config, Kind, LAYERS, MESSAGE, OUTPUTS, WIDTH};
 
+/// Name of the last layer, whose weight and bias have a row per output.
+pub const LAST_LAYER: &str = "out.2";
+
 /// One tensor among the weights.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Parameter {
@@ -48,7 +51,7 @@ impl Layout {
         (0..LAYERS).for_each(|layer| layout.block(config, &format!("blocks.{layer}")));
         layout.norm("norm");
         layout.linear("out.0", WIDTH, WIDTH);
-        layout.linear("out.2", WIDTH, OUTPUTS);
+        layout.linear(LAST_LAYER, WIDTH, OUTPUTS);
         layout
     }
 

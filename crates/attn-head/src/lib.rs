@@ -15,5 +15,5 @@ pub use config::{Config, HEAD_WIDTH, HEADS, Kind, LAYERS, MESSAGE, OUTPUTS, WIDT
 pub use error::{Error, Result, WeightFault, WeightProblem};
 pub use head::Head;
 pub use inputs::Inputs;
-pub use layout::{Layout, Parameter};
+pub use layout::{LAST_LAYER, Layout, Parameter};
 pub use weights::Weights;

@@ -1,5 +1,5 @@
 use crate::draw::uniform;
-use crate::{Config, Error, Layout, Parameter, Result, WeightFault, WeightProblem};
+use crate::{Config, Error, LAST_LAYER, Layout, Parameter, Result, WeightFault, WeightProblem};
 use candle_core::{DType, Device, Tensor};
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ impl Weights {
             let Some(&inputs) = weight.shape.get(1) else {
                 return (vec![1.0; weight.len()], vec![0.0; bias.len()]);
             };
-            let bound = if weight.name == "out.2.weight" { 0.0 } else { 1.0 / (inputs as f64).sqrt() };
+            let bound = if weight.name.starts_with(LAST_LAYER) { 0.0 } else { 1.0 / (inputs as f64).sqrt() };
             let draw = |p: &Parameter| {
                 // `+ 0.0` makes no minus zeros of a bound of zero.
                 uniform(&salt, &p.name, p.len()).map(|u| (bound * u + 0.0) as f32).collect()

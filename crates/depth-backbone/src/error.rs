@@ -40,6 +40,12 @@ pub enum Error {
         /// Row.
         y: usize,
     },
+    /// Other colours for features that cannot be computed from colours and depth alone.
+    #[error("features \"{schema}\" are a network's, which would have to see the view in its other colours")]
+    NetworkFeatures {
+        /// What the features say that they are.
+        schema: String,
+    },
     /// A setting outside its range.
     #[error("{setting} is {found}, expected {expected}")]
     Setting {

@@ -1,6 +1,6 @@
 //! The feature bank F of the backbones without a network: 32 channels at the picture's size, all near 0..1 or -1..1.
 
-use crate::Result;
+use crate::{Error, GivenDepth, PlaneSweep, Result, ViewGeometry};
 use gs_scene::{DepthMap, FeatureMap, View};
 use rayon::prelude::*;
 
@@ -42,6 +42,9 @@ pub const FEATURE_NAMES: [&str; 32] = [
     "column, -1 left to 1 right",
     "row, -1 top to 1 bottom",
 ];
+
+/// Channel of the matching cost.
+const COST: usize = 29;
 
 /// Means over square windows, cut at the border: a plane `[height, width]` to the same.
 fn box_mean(plane: &[f32], width: usize, radius: usize) -> Vec<f32> {
@@ -154,6 +157,24 @@ pub(crate) fn bank(view: &View, depth: &DepthMap, confidence: &[f32], cost: &[f3
     Ok(FeatureMap::new(channels.len(), width, height, channels.concat())?)
 }
 
+impl ViewGeometry {
+    /// The same geometry for `view`, which is the view that it was found in, but in other colours: depth and confidence stay, and of the
+    /// features the matching cost; what is computed from colours is computed anew.
+    ///
+    /// # Errors
+    /// If the view has another size, or the features are a network's.
+    pub fn in_colours_of(self, view: &View) -> Result<Self> {
+        let Some(features) = &self.features else { return Ok(self) };
+        if ![PlaneSweep::SCHEMA, GivenDepth::SCHEMA].contains(&features.schema()) {
+            return Err(Error::NetworkFeatures { schema: features.schema().to_owned() });
+        }
+        // A view's picture and camera have one size: this compares it with the depth's.
+        let view = &View::new(view.name(), view.image().clone(), *view.camera(), Some(self.depth.clone()))?;
+        let anew = bank(view, &self.depth, &self.confidence, features.channel(COST))?;
+        Ok(Self { features: Some(anew.with_schema(features.schema())), ..self })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -199,7 +220,31 @@ mod tests {
             assert!(map.channel(channel).iter().all(|v| v.abs() < 2e-3), "{name}");
         }
         assert!(map.channel(4).iter().all(|v| (v - 0.4).abs() < 1e-6));
-        assert_eq!((map.channel(28)[0], map.channel(29)[0]), (1.0, 0.3));
+        assert_eq!((map.channel(28)[0], map.channel(COST)[0]), (1.0, 0.3));
+        assert_eq!(FEATURE_NAMES[COST], "matching cost");
+    }
+
+    #[test]
+    fn features_in_other_colours_are_those_of_a_view_that_has_them() {
+        let data = |gain: f32| (0..72).map(|i| gain * (i as f32 * 0.7).sin().abs()).collect();
+        let geometry = |gain, schema| {
+            let depth = DepthMap::new(6, 4, (1..25).map(|i| i as f32).collect()).unwrap();
+            let confidence: Vec<f32> = (0..24).map(|i| i as f32 / 24.0).collect();
+            let features = bank(&view(6, 4, data(gain)), &depth, &confidence, &[0.3; 24]).unwrap();
+            let features = Some(features.with_schema(schema));
+            ViewGeometry { depth, confidence, features, gaussians: None }
+        };
+        let bright = view(6, 4, data(1.0));
+        for schema in [PlaneSweep::SCHEMA, GivenDepth::SCHEMA] {
+            let after = geometry(0.5, schema).in_colours_of(&bright).unwrap();
+            assert_eq!(after.features, geometry(1.0, schema).features);
+            assert_ne!(after.features, geometry(0.5, schema).features);
+        }
+        let error = geometry(0.5, "a network's").in_colours_of(&bright).unwrap_err();
+        assert!(matches!(&error, Error::NetworkFeatures { schema } if schema == "a network's"), "{error}");
+        assert!(geometry(0.5, PlaneSweep::SCHEMA).in_colours_of(&view(4, 6, data(1.0))).is_err());
+        let without = ViewGeometry { features: None, ..geometry(0.5, "") };
+        assert!(without.in_colours_of(&bright).unwrap().features.is_none());
     }
 
     #[test]

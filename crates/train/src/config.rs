@@ -19,6 +19,8 @@ pub struct Config {
     /// Largest relative error that is added to confirmed depth, in half of the passes (three times that where depth is
     /// filled in): a head that has met nothing but good depth does not mend bad.
     pub depth_error: f64,
+    /// Share of the passes in which the window is seen in other colours: simulated scenes are warmer and of less contrast than photographs.
+    pub recolour: f64,
     /// Steps in all; with none the weights that a run begins with are all that it makes.
     pub steps: usize,
     /// Windows per step, one after the other (paper: 2).
@@ -29,6 +31,12 @@ pub struct Config {
     pub contexts: usize,
     /// Weight λ of the structural term.
     pub lambda: f32,
+    /// Weight of the mean square of what the head adds to colours by direction (SH of degree 1 and 2). Held-out views lie between the
+    /// context's in the simulated scenes, and what serves there runs away beside them.
+    pub direction: f32,
+    /// Share that is kept of what the weights that a run begins with add to colours by direction. Together with no steps it says how far
+    /// to trust them beside the views that they have met.
+    pub keep_direction: f32,
     /// How fast weights move.
     pub rates: Rates,
     /// Seed of the weights and of everything that is drawn.
@@ -43,11 +51,14 @@ impl Default for Config {
             allocation: Allocation::Entropy,
             density: [0.01, 0.25],
             depth_error: 0.0,
+            recolour: 0.0,
             steps: 6000,
             batch: 2,
             targets: 2,
             contexts: 1,
             lambda: 0.02,
+            direction: 0.0,
+            keep_direction: 1.0,
             rates: Rates::default(),
             seed: 0,
         }
@@ -68,6 +79,9 @@ impl Config {
         if !(0.0..=0.2).contains(&self.depth_error) {
             return refuse("depth_error", self.depth_error.to_string(), "a share from 0 to 0.2");
         }
+        if !(0.0..=1.0).contains(&self.recolour) {
+            return refuse("recolour", self.recolour.to_string(), "a share from 0 to 1");
+        }
         if self.allocation == Allocation::Merged {
             let expected =
                 "one that decides before the head: merging comes after it, trained is what is merged";
@@ -79,6 +93,12 @@ impl Config {
         }
         if !(0.0..=1.0).contains(&self.lambda) {
             return refuse("lambda", self.lambda.to_string(), "a share from 0 to 1");
+        }
+        if !(self.direction >= 0.0 && self.direction.is_finite()) {
+            return refuse("direction", self.direction.to_string(), "a weight of 0 or more");
+        }
+        if !(0.0..=1.0).contains(&self.keep_direction) {
+            return refuse("keep_direction", self.keep_direction.to_string(), "a share from 0 to 1");
         }
         let Rates { learning_rate, last, clip, .. } = self.rates;
         if !(learning_rate > 0.0

@@ -9,6 +9,7 @@ pub(crate) enum Stream {
     Target = 4,
     Context = 5,
     Disturbance = 6,
+    Colours = 7,
 }
 
 /// SplitMix64 (Steele, Lea & Flood 2014).

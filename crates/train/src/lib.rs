@@ -10,6 +10,7 @@ mod error;
 mod loss;
 mod net;
 mod ops;
+mod recolour;
 mod trainer;
 
 pub use adam::Rates;

@@ -7,14 +7,15 @@ use crate::draw::{Stream, bits, some, unit};
 use crate::loss::Loss;
 use crate::net::Net;
 use crate::ops::{Compare, Decode, Render, values};
+use crate::recolour::recoloured;
 use crate::{Case, Cases, Config, Error, Result};
-use attn_head::Weights;
+use attn_head::{LAST_LAYER, Layout, OUTPUTS, Weights};
 use candle_core::{Device, Tensor, Var};
 use gs_raster::{Rasterizer, RenderSettings, near_plane};
 use gs_scene::View;
 use image_metrics::Lpips;
 use serde::Serialize;
-use sparsesplat::learned::{FEATURES, GEOMETRY_FEATURES, image_features};
+use sparsesplat::learned::{BY_DIRECTION, FEATURES, GEOMETRY_FEATURES, image_features};
 use sparsesplat::{Anchored, Budget, StageSeconds, anchor};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -121,7 +122,8 @@ impl Trainer {
     }
 
     /// Begins with the weights of an earlier run instead of drawn ones; with those of several with their mean, which is of use where
-    /// one run began with what another had made. `runs` are names, for errors, and weights; none changes nothing.
+    /// one run began with what another had made. Of what they add to colours by direction [`Config::keep_direction`] is kept. `runs` are
+    /// names, for errors, and weights; none changes nothing.
     ///
     /// # Errors
     /// If one is of a head of another shape, or was trained on other features.
@@ -140,6 +142,16 @@ impl Trainer {
             for (i, weight) in self.weights.iter_mut().enumerate() {
                 let sum: f64 = runs.iter().map(|(_, weights)| f64::from(weights.values[i])).sum();
                 *weight = (sum / runs.len() as f64) as f32;
+            }
+            for parameter in Layout::new(&self.net.config()).parameters {
+                if parameter.name.starts_with(LAST_LAYER) {
+                    let row = parameter.len() / OUTPUTS;
+                    let [begin, end] =
+                        [BY_DIRECTION.start, BY_DIRECTION.end].map(|output| parameter.offset + output * row);
+                    self.weights[begin..end]
+                        .iter_mut()
+                        .for_each(|weight| *weight *= self.config.keep_direction);
+                }
             }
         }
         Ok(())
@@ -264,8 +276,8 @@ impl Trainer {
     /// Loss and gradient of the `index`-th pass of the run.
     fn pass(&self, index: usize) -> Result<Pass> {
         let seed = self.config.seed;
-        let mut case =
-            self.cases.read((bits(seed, Stream::Case, index) % self.cases.len() as u64) as usize)?;
+        let case = self.cases.read((bits(seed, Stream::Case, index) % self.cases.len() as u64) as usize)?;
+        let mut case = recoloured(case, self.config.recolour, bits(seed, Stream::Colours, index))?;
         let disturbance = bits(seed, Stream::Disturbance, index);
         case.geometry = disturbed(case.geometry, self.config.depth_error, disturbance)?;
         let [low, high] = self.config.density;
@@ -281,6 +293,9 @@ impl Trainer {
 
         let weights = Var::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
         let outputs = self.net.outputs(&weights, anchored.inputs(&case.geometry))?;
+        let by_direction = outputs.narrow(1, BY_DIRECTION.start, BY_DIRECTION.len())?;
+        let share = f64::from(self.config.direction) / by_direction.elem_count().max(1) as f64;
+        let by_direction = (by_direction.sqr()?.sum_all()? * share)?;
         let decode =
             Decode { decoder: Arc::new(anchored.decoder()), shell: Arc::new(anchored.shell.clone()) };
         let gaussians = outputs.apply_op1(decode)?;
@@ -304,7 +319,7 @@ impl Trainer {
             compared.push(found);
         }
         let Some(total) = total else { return Err(Error::NoTargets { window: case.name }) };
-        let loss = (total / views.len() as f64)?;
+        let loss = ((total / views.len() as f64)? + by_direction)?;
         let value = f64::from(loss.to_scalar::<f32>()?);
         let gradient = if value.is_finite() {
             match loss.backward()?.get(&weights) {

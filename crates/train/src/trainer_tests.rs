@@ -39,7 +39,14 @@ fn the_gradient_of_the_chain_is_that_of_differences() {
         (Kind::MaxPool, Along::Colours, 0.005),
     ];
     for (head, along, tolerance) in cases {
-        let config = Config { head, neighbours: 6, density: [0.02, 0.02], lambda: 0.1, ..Config::default() };
+        let config = Config {
+            head,
+            neighbours: 6,
+            density: [0.02, 0.02],
+            lambda: 0.1,
+            direction: 0.1,
+            ..Config::default()
+        };
         let mut trainer = trainer(config, cache.path());
         // Away from the start, where the last layer is 0 and hides the others.
         let recipe = Weights::recipe(trainer.net.config(), "chain").unwrap();
@@ -78,6 +85,22 @@ fn the_gradient_of_the_chain_is_that_of_differences() {
             "{head:?} {along:?}: {slopes:?}, derivative {slope}"
         );
     }
+}
+
+#[test]
+fn what_colours_change_by_direction_is_held_down() {
+    let cache = tempfile::tempdir().unwrap();
+    let loss = |direction| {
+        let config = Config { neighbours: 6, density: [0.02, 0.02], direction, ..Config::default() };
+        let mut trainer = trainer(config, cache.path());
+        let untrained = trainer.pass(0).unwrap().loss;
+        trainer.weights = Weights::recipe(trainer.net.config(), "chain").unwrap().values;
+        [untrained, trainer.pass(0).unwrap().loss]
+    };
+    let [none, one, two] = [0.0, 1.0, 2.0].map(loss);
+    assert!(none[0] == one[0] && one[0] == two[0], "the closed form's colours are the same from everywhere");
+    let (once, twice) = (one[1] - none[1], two[1] - none[1]);
+    assert!(once > 1e-3 && (twice / once - 2.0).abs() < 1e-3, "{once} {twice}");
 }
 
 #[test]
@@ -153,6 +176,21 @@ fn a_run_may_begin_with_the_weights_of_another() {
     second.start_from(&[named(first.weights()), named(drawn.clone())]).unwrap();
     for ((mean, a), b) in second.weights.iter().zip(&first.weights).zip(&drawn.values) {
         assert_eq!(*mean, ((f64::from(*a) + f64::from(*b)) / 2.0) as f32);
+    }
+    // Half of what is added by direction: those outputs halve, the others stay.
+    let recipe =
+        Weights { values: Weights::recipe(second.net.config(), "chain").unwrap().values, ..first.weights() };
+    let outputs = |keep_direction| {
+        let mut run = trainer(Config { keep_direction, ..Config::default() }, folder.path());
+        run.start_from(&[named(recipe.clone())]).unwrap();
+        let case = run.cases.read(0).unwrap();
+        let inputs = run.anchored(&case, 0.02, 0).unwrap().inputs(&case.geometry);
+        attn_head::Head::new(run.weights()).unwrap().run(&inputs.as_inputs()).unwrap()
+    };
+    let (all, half) = (outputs(1.0), outputs(0.5));
+    for (i, (all, half)) in all.iter().zip(&half).enumerate() {
+        let expected = if (11..35).contains(&(i % OUTPUTS)) { 0.5 * all } else { *all };
+        assert!(all.abs() > 0.0 && (half - expected).abs() <= 1e-6 * all.abs(), "{i}: {half} {expected}");
     }
     let mut other = trainer(Config { neighbours: 3, ..Config::default() }, folder.path());
     let error = other.start_from(&[named(first.weights())]).unwrap_err();

@@ -22,11 +22,15 @@ use attn_head::OUTPUTS;
 use glam::DVec3;
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Numbers of SH of degree 2 per Gaussian.
 const SH: usize = 3 * TERMS;
 /// Anchors per parallel task.
 const CHUNK: usize = 1024;
+
+/// Outputs that change a colour by the direction from which it is seen: all but the constant harmonic.
+pub const BY_DIRECTION: Range<usize> = 11..35;
 
 /// Largest change by each output.
 pub const BOUNDS: [f32; OUTPUTS] = {

@@ -6,7 +6,7 @@ mod inputs;
 mod rotate_sh;
 mod support;
 
-pub use decode::{BOUNDS, Decoder};
+pub use decode::{BOUNDS, BY_DIRECTION, Decoder};
 pub use head::{FEATURES, LearnedHead};
 pub use inputs::{GEOMETRY_FEATURES, HeadInputs, image_features};
 
