@@ -31,11 +31,11 @@ pub struct Config {
     pub contexts: usize,
     /// Weight λ of the structural term.
     pub lambda: f32,
-    /// Weight of the mean square of what the head adds to colours by direction (SH of degree 1 and 2). Held-out views lie between the
-    /// context's in the simulated scenes, and what serves there runs away beside them.
+    /// Weight of the mean square of what the head adds to colours by direction (SH of degree 1 and 2): without it that is more than serves
+    /// on views that a run has not met.
     pub direction: f32,
-    /// Share that is kept of what the weights that a run begins with add to colours by direction. Together with no steps it says how far
-    /// to trust them beside the views that they have met.
+    /// Share that is kept of what the weights that a run begins with add to colours by direction. With `steps: 0` those weights, so
+    /// changed, are what the run makes.
     pub keep_direction: f32,
     /// How fast weights move.
     pub rates: Rates,
