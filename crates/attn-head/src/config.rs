@@ -16,7 +16,7 @@ pub const MESSAGE: usize = 16;
 
 /// Largest number of features of either sort, well above what backbones have. It keeps a damaged file from asking for
 /// all memory.
-const LARGEST_FEATURES: usize = 4096;
+pub(crate) const LARGEST_FEATURES: usize = 4096;
 /// Largest number of neighbours that a head is trained with; the paper's largest is 40.
 const LARGEST_NEIGHBOURS: usize = 1024;
 

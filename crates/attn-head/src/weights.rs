@@ -1,3 +1,4 @@
+use crate::config::LARGEST_FEATURES;
 use crate::draw::uniform;
 use crate::{Config, Error, LAST_LAYER, Layout, Parameter, Result, WeightFault, WeightProblem};
 use candle_core::{DType, Device, Tensor};
@@ -67,6 +68,34 @@ impl Weights {
         Ok(Self { config, values: all, metadata: BTreeMap::new() })
     }
 
+    /// The weights of a head that sees further geometric features, behind those that this one sees, and ignores them: its outputs are
+    /// the same. From there training can go on.
+    ///
+    /// # Errors
+    /// If these weights do not fit their configuration, or `geometry`, the number of features, is smaller or beyond its range.
+    pub fn widened(&self, geometry: usize) -> Result<Self> {
+        self.check()?;
+        let config = Config { geometry, ..self.config };
+        config.check()?;
+        if geometry < self.config.geometry {
+            let allowed = self.config.geometry..=LARGEST_FEATURES;
+            return Err(Error::Setting { setting: "geometry", found: geometry, allowed });
+        }
+        let [narrow, wide] = [&self.config, &config].map(Layout::new);
+        let mut values = vec![0.0; wide.len];
+        for (from, to) in narrow.parameters.iter().zip(&wide.parameters) {
+            // A row per output; of all but the layer that takes these features they are of equal length.
+            let rows = from.shape[0];
+            let [width, wider] = [from, to].map(|parameter| parameter.len() / rows);
+            let rows_of = &self.values[from.offset..][..from.len()];
+            let rows_to = &mut values[to.offset..][..to.len()];
+            for (from, to) in rows_of.chunks_exact(width).zip(rows_to.chunks_exact_mut(wider)) {
+                to[..width].copy_from_slice(from);
+            }
+        }
+        Ok(Self { config, values, metadata: self.metadata.clone() })
+    }
+
     /// That the configuration is within its ranges, that there are as many numbers as it asks for, and that all are
     /// finite.
     ///
@@ -97,7 +126,7 @@ impl Weights {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Kind;
+    use crate::{Head, Inputs, Kind};
 
     const CONFIG: Config = Config { kind: Kind::Attention, geometry: 9, image: 64, neighbours: 20 };
 
@@ -135,6 +164,37 @@ mod tests {
             assert!((0.9 * bound..=bound).contains(&largest), "{name}: {largest}");
         }
         assert_ne!(Weights::initial(CONFIG, 8).unwrap(), weights);
+    }
+
+    #[test]
+    fn widened_weights_ignore_what_they_did_not_see() {
+        for kind in Kind::ALL {
+            let config = Config { kind, neighbours: 2, ..CONFIG };
+            let narrow = Weights::recipe(config, "narrow").unwrap();
+            assert_eq!(narrow.widened(config.geometry).unwrap(), narrow);
+            let wide = narrow.widened(config.geometry + 3).unwrap();
+            let outputs = |weights: Weights, geometry: &[f32]| {
+                let (image, neighbours) = (vec![0.2; 3 * config.image], [1, 2, 0, 2, 0, 1]);
+                let relative = [[0.3, -0.2, 0.5]; 6];
+                let inputs = Inputs {
+                    n: 3,
+                    k: 2,
+                    geometry,
+                    image: &image,
+                    neighbours: &neighbours,
+                    relative: &relative,
+                };
+                Head::new(weights).unwrap().run(&inputs).unwrap()
+            };
+            let seen: Vec<f32> = (0..3 * config.geometry).map(|i| (i as f32).sin()).collect();
+            let further = |row: &[f32]| [row, &[7.0, -3.0, 0.5]].concat();
+            let all: Vec<f32> = seen.chunks_exact(config.geometry).flat_map(further).collect();
+            let (before, after) = (outputs(narrow.clone(), &seen), outputs(wide, &all));
+            let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-5 * a.abs().max(1.0);
+            assert!(before.iter().zip(&after).all(near), "{kind:?}: {before:?} {after:?}");
+            assert!(matches!(narrow.widened(8), Err(Error::Setting { setting: "geometry", found: 8, .. })));
+            assert!(matches!(narrow.widened(usize::MAX), Err(Error::Setting { .. })));
+        }
     }
 
     #[test]

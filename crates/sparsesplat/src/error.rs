@@ -21,6 +21,10 @@ pub enum Error {
     #[cfg(feature = "learned")]
     #[error(transparent)]
     Head(#[from] attn_head::Error),
+    /// A closed form that cannot be rendered.
+    #[cfg(feature = "learned")]
+    #[error(transparent)]
+    Render(#[from] gs_raster::Error),
     /// Weights without the name of the features that they were trained on.
     #[error("{weights}: does not say which features it was trained on: expected weights that `train` wrote")]
     NoSchema {
@@ -28,12 +32,16 @@ pub enum Error {
         weights: String,
     },
     /// Weights of another version of this crate.
-    #[error("{weights}: wants {found} geometric features per anchor, there are {expected}: train it anew")]
+    #[error(
+        "{weights}: wants {found} geometric features per anchor, there are {without}, or {with} with feedback: train it anew"
+    )]
     GeometryFeatures {
         /// The weights.
         weights: String,
-        /// Features that there are.
-        expected: usize,
+        /// Features that there are without feedback.
+        without: usize,
+        /// Features that there are with feedback.
+        with: usize,
         /// Features that the weights want.
         found: usize,
     },

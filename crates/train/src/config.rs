@@ -11,6 +11,9 @@ pub struct Config {
     pub head: Kind,
     /// Neighbours K.
     pub neighbours: usize,
+    /// Whether the head sees feedback: what rendering the closed form into the context views says of each anchor. Without it, as in the
+    /// paper, it is faster and worse.
+    pub feedback: bool,
     /// Which pixels become anchors.
     pub allocation: Allocation,
     /// Smallest and largest number of Gaussians as a share of the context views' pixels; each pass draws one between,
@@ -48,6 +51,7 @@ impl Default for Config {
         Self {
             head: Kind::Attention,
             neighbours: 20,
+            feedback: true,
             allocation: Allocation::Entropy,
             density: [0.01, 0.25],
             depth_error: 0.0,

@@ -15,7 +15,7 @@ use gs_raster::{Rasterizer, RenderSettings, near_plane};
 use gs_scene::View;
 use image_metrics::Lpips;
 use serde::Serialize;
-use sparsesplat::learned::{BY_DIRECTION, FEATURES, GEOMETRY_FEATURES, image_features};
+use sparsesplat::learned::{BY_DIRECTION, FEATURES, geometry_features, image_features};
 use sparsesplat::{Anchored, Budget, StageSeconds, anchor};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -102,7 +102,7 @@ impl Trainer {
         let (channels, schema) = features.map_or((0, ""), |map| (map.channels(), map.schema()));
         let head = attn_head::Config {
             kind: config.head,
-            geometry: GEOMETRY_FEATURES,
+            geometry: geometry_features(config.feedback),
             image: image_features(channels),
             neighbours: config.neighbours,
         };
@@ -123,27 +123,31 @@ impl Trainer {
 
     /// Begins with the weights of an earlier run instead of drawn ones; with those of several with their mean, which is of use where
     /// one run began with what another had made. Of what they add to colours by direction [`Config::keep_direction`] is kept. `runs` are
-    /// names, for errors, and weights; none changes nothing.
+    /// names, for errors, and weights; none changes nothing. Feedback that a run did not see is ignored to begin with.
     ///
     /// # Errors
     /// If one is of a head of another shape, or was trained on other features.
     pub fn start_from(&mut self, runs: &[(String, Weights)]) -> Result<()> {
+        let config = self.net.config();
+        let mut begun = Vec::with_capacity(runs.len());
         for (name, weights) in runs {
             let features = weights.metadata.get(FEATURES).map_or("", String::as_str);
-            if weights.config != self.net.config() || features != self.schema {
+            let same = attn_head::Config { geometry: config.geometry, ..weights.config } == config;
+            if !same || weights.config.geometry > config.geometry || features != self.schema {
                 return Err(Error::OtherHead {
                     weights: name.clone(),
-                    expected: format!("{:?}, features {:?}", self.net.config(), self.schema),
+                    expected: format!("{config:?}, features {:?}", self.schema),
                     found: format!("{:?}, features {features:?}", weights.config),
                 });
             }
+            begun.push(weights.widened(config.geometry)?.values);
         }
-        if !runs.is_empty() {
+        if !begun.is_empty() {
             for (i, weight) in self.weights.iter_mut().enumerate() {
-                let sum: f64 = runs.iter().map(|(_, weights)| f64::from(weights.values[i])).sum();
-                *weight = (sum / runs.len() as f64) as f32;
+                let sum: f64 = begun.iter().map(|values| f64::from(values[i])).sum();
+                *weight = (sum / begun.len() as f64) as f32;
             }
-            for parameter in Layout::new(&self.net.config()).parameters {
+            for parameter in Layout::new(&config).parameters {
                 if parameter.name.starts_with(LAST_LAYER) {
                     let row = parameter.len() / OUTPUTS;
                     let [begin, end] =
@@ -292,7 +296,7 @@ impl Trainer {
             .collect();
 
         let weights = Var::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
-        let outputs = self.net.outputs(&weights, anchored.inputs(&case.geometry))?;
+        let outputs = self.net.outputs(&weights, anchored.inputs(&case.geometry, self.config.feedback)?)?;
         let by_direction = outputs.narrow(1, BY_DIRECTION.start, BY_DIRECTION.len())?;
         let share = f64::from(self.config.direction) / by_direction.elem_count().max(1) as f64;
         let by_direction = (by_direction.sqr()?.sum_all()? * share)?;
@@ -359,7 +363,8 @@ impl Trainer {
             let case = cases.read(index)?;
             let anchored = self.anchored(&case, density, self.config.seed)?;
             let weights = Tensor::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
-            let outputs = values(&self.net.outputs(&weights, anchored.inputs(&case.geometry))?)?;
+            let outputs =
+                values(&self.net.outputs(&weights, anchored.inputs(&case.geometry, self.config.feedback)?)?)?;
             let mut learned = anchored.decoder().decode(&outputs);
             learned.append(&anchored.shell.clone().with_sh_degree(learned.sh_degree())?);
             let mut closed = anchored.base.clone();

@@ -184,7 +184,7 @@ fn a_run_may_begin_with_the_weights_of_another() {
         let mut run = trainer(Config { keep_direction, ..Config::default() }, folder.path());
         run.start_from(&[named(recipe.clone())]).unwrap();
         let case = run.cases.read(0).unwrap();
-        let inputs = run.anchored(&case, 0.02, 0).unwrap().inputs(&case.geometry);
+        let inputs = run.anchored(&case, 0.02, 0).unwrap().inputs(&case.geometry, true).unwrap();
         attn_head::Head::new(run.weights()).unwrap().run(&inputs.as_inputs()).unwrap()
     };
     let (all, half) = (outputs(1.0), outputs(0.5));
@@ -192,6 +192,19 @@ fn a_run_may_begin_with_the_weights_of_another() {
         let expected = if (11..35).contains(&(i % OUTPUTS)) { 0.5 * all } else { *all };
         assert!(all.abs() > 0.0 && (half - expected).abs() <= 1e-6 * all.abs(), "{i}: {half} {expected}");
     }
+    // Of a run without feedback; never the other way round.
+    let config = second.net.config();
+    let of_features = |geometry| {
+        let config = attn_head::Config { geometry, ..config };
+        Weights { metadata: first.weights().metadata, ..Weights::recipe(config, "chain").unwrap() }
+    };
+    let narrow = of_features(geometry_features(false));
+    second.start_from(&[named(narrow.clone())]).unwrap();
+    assert_eq!(second.weights, narrow.widened(config.geometry).unwrap().values);
+    let mut without = trainer(Config { feedback: false, ..Config::default() }, folder.path());
+    assert!(matches!(without.start_from(&[named(first.weights())]), Err(Error::OtherHead { .. })));
+    without.start_from(&[named(narrow.clone())]).unwrap();
+    assert_eq!(without.weights, narrow.values);
     let mut other = trainer(Config { neighbours: 3, ..Config::default() }, folder.path());
     let error = other.start_from(&[named(first.weights())]).unwrap_err();
     assert!(matches!(&error, Error::OtherHead { weights, .. } if weights == "earlier"), "{error}");

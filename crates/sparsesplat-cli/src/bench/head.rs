@@ -13,7 +13,7 @@ use candle_core::{DType, Device, Tensor};
 use clap::Args;
 use evaluate::{Table, count};
 use serde::Serialize;
-use sparsesplat::learned::{GEOMETRY_FEATURES, image_features};
+use sparsesplat::learned::{geometry_features, image_features};
 
 /// The attention head: time, FLOP/s and memory against the number of anchors, beside the plain form on candle
 ///
@@ -135,7 +135,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let pool = pools.last().expect("there is at least one thread");
     let config = Config {
         kind: Kind::Attention,
-        geometry: GEOMETRY_FEATURES,
+        geometry: geometry_features(true),
         image: image_features(CHANNELS),
         neighbours,
     };

@@ -1,6 +1,6 @@
 //! Weights and the features they work with.
 
-use super::{GEOMETRY_FEATURES, HeadInputs, image_features};
+use super::{HeadInputs, geometry_features, image_features};
 use crate::{Anchored, Backbone, Config, Error, Result};
 use attn_head::{Head, Weights};
 use depth_backbone::ViewGeometry;
@@ -20,6 +20,8 @@ const PLANE_SWEEP_NAME: &str = "learned (plane-sweep-1)";
 pub struct LearnedHead {
     head: Head,
     features: String,
+    /// Whether it sees what rendering the closed form says.
+    feedback: bool,
     name: String,
 }
 
@@ -33,11 +35,13 @@ impl LearnedHead {
         let Some(features) = weights.metadata.get(FEATURES).cloned() else {
             return Err(Error::NoSchema { weights: name });
         };
-        if weights.config.geometry != GEOMETRY_FEATURES {
-            let (expected, found) = (GEOMETRY_FEATURES, weights.config.geometry);
-            return Err(Error::GeometryFeatures { weights: name, expected, found });
-        }
-        Ok(Self { head: Head::new(weights)?, features, name })
+        let found = weights.config.geometry;
+        let Some(feedback) = [true, false].into_iter().find(|&feedback| geometry_features(feedback) == found)
+        else {
+            let [without, with] = [false, true].map(geometry_features);
+            return Err(Error::GeometryFeatures { weights: name, without, with, found });
+        };
+        Ok(Self { head: Head::new(weights)?, features, feedback, name })
     }
 
     /// A head from a file.
@@ -70,7 +74,7 @@ impl LearnedHead {
 
     /// What the head makes of the anchors, far shell excluded; `geometry` is that of the views, with features.
     pub(crate) fn gaussians(&self, anchored: &Anchored, geometry: &[ViewGeometry]) -> Result<Gaussians> {
-        let outputs = self.outputs(&anchored.inputs(geometry), geometry)?;
+        let outputs = self.outputs(&anchored.inputs(geometry, self.feedback)?, geometry)?;
         Ok(anchored.decoder().decode(&outputs))
     }
 
@@ -108,17 +112,17 @@ mod tests {
     #[test]
     fn weights_that_do_not_belong_here_are_refused_by_name() {
         let refused = |weights| LearnedHead::new(weights, "w").unwrap_err();
-        assert!(matches!(refused(weights(GEOMETRY_FEATURES, None)), Error::NoSchema { .. }));
+        assert!(matches!(refused(weights(geometry_features(true), None)), Error::NoSchema { .. }));
         let error = refused(weights(3, Some("none")));
         assert!(matches!(error, Error::GeometryFeatures { found: 3, .. }), "{error}");
     }
 
     #[test]
     fn features_of_another_backbone_are_refused_and_no_anchors_have_no_outputs() {
-        let other = LearnedHead::new(weights(GEOMETRY_FEATURES, Some("other")), "w").unwrap();
+        let other = LearnedHead::new(weights(geometry_features(true), Some("other")), "w").unwrap();
         let error = other.outputs(&HeadInputs::default(), &[]).unwrap_err();
         assert!(matches!(&error, Error::OtherFeatures { expected, .. } if expected == "other"), "{error}");
-        let same = LearnedHead::new(weights(GEOMETRY_FEATURES, Some("none")), "w").unwrap();
+        let same = LearnedHead::new(weights(geometry_features(false), Some("none")), "w").unwrap();
         assert!(same.outputs(&HeadInputs::default(), &[]).unwrap().is_empty());
     }
 }

@@ -3,7 +3,9 @@
 //! for), so that a head trained in a room works in a street. Absolute are colours, confidence, and where in its picture
 //! an anchor lies (the viewing ray): there lenses and stereo have their habits.
 
+use super::feedback::{FEEDBACK, feedback};
 use super::support::support;
+use crate::Result;
 use crate::anchored::Anchored;
 use attn_head::Inputs;
 use depth_backbone::ViewGeometry;
@@ -11,11 +13,11 @@ use glam::DVec3;
 use gs_scene::View;
 use rayon::prelude::*;
 
-/// Geometric features g per anchor: normal 3, viewing ray 3, logarithm of the patch's area, logarithm of the surface
+/// Geometric features g per anchor that need no rendering: normal 3, viewing ray 3, logarithm of the patch's area, logarithm of the surface
 /// per anchor over the patch's, elongation of the patch and its direction 2, whether the depth is confirmed, cosine
 /// between normal and ray, share of the neighbours from other views, and what other views say: agree, see through, are
 /// hidden from, differ in colour.
-pub const GEOMETRY_FEATURES: usize = 17;
+const OWN: usize = 17;
 /// Image features v beside those of the backbone: mean colour of the patch.
 const COLOUR: usize = 3;
 /// A neighbour farther than this, in units of spacing, counts as that far.
@@ -24,6 +26,12 @@ const FARTHEST: f64 = 8.0;
 const LARGEST_RATIO: f32 = 4.0;
 /// Anchors per parallel task.
 const CHUNK: usize = 512;
+
+/// Geometric features g per anchor, with what rendering the closed form says or without.
+#[must_use]
+pub fn geometry_features(feedback: bool) -> usize {
+    if feedback { OWN + FEEDBACK } else { OWN }
+}
 
 /// Image features v per anchor where the backbone gives `channels`.
 #[must_use]
@@ -38,7 +46,7 @@ pub struct HeadInputs {
     pub n: usize,
     /// Neighbours of each.
     pub k: usize,
-    /// g, `[n, GEOMETRY_FEATURES]`.
+    /// g, `[n, geometry_features]`, with feedback or without.
     pub geometry: Vec<f32>,
     /// v, `[n, channels + 3]`.
     pub image: Vec<f32>,
@@ -63,7 +71,14 @@ impl HeadInputs {
     }
 
     /// Of anchors with features; `views` are in the common exposure.
-    pub(crate) fn new(anchored: &Anchored, views: &[View], geometry: &[ViewGeometry]) -> Self {
+    pub(crate) fn new(
+        anchored: &Anchored,
+        views: &[View],
+        geometry: &[ViewGeometry],
+        with_feedback: bool,
+    ) -> Result<Self> {
+        let of_rendering = if with_feedback { feedback(anchored)? } else { Vec::new() };
+        let width = geometry_features(with_feedback);
         let anchors = &anchored.anchors;
         let (n, channels) = (anchors.len(), anchors.channels);
         let (k, neighbours) =
@@ -71,7 +86,7 @@ impl HeadInputs {
         let mut inputs = Self {
             n,
             k,
-            geometry: vec![0.0; n * GEOMETRY_FEATURES],
+            geometry: vec![0.0; n * width],
             image: vec![0.0; n * image_features(channels)],
             relative: vec![[0.0; 3]; n * k],
             neighbours,
@@ -79,14 +94,16 @@ impl HeadInputs {
         let neighbours = &inputs.neighbours;
         inputs
             .geometry
-            .par_chunks_mut(CHUNK * GEOMETRY_FEATURES)
+            .par_chunks_mut(CHUNK * width)
             .zip(inputs.image.par_chunks_mut(CHUNK * image_features(channels)))
             .enumerate()
             .for_each(|(chunk, (geometric, image))| {
-                let rows = geometric.chunks_exact_mut(GEOMETRY_FEATURES);
+                let rows = geometric.chunks_exact_mut(width);
                 let rows = rows.zip(image.chunks_exact_mut(image_features(channels)));
                 for ((row, image), i) in rows.zip(chunk * CHUNK..) {
-                    row.copy_from_slice(&geometric_features(
+                    let (own, feedback) = row.split_at_mut(OWN);
+                    feedback.copy_from_slice(&of_rendering[i * feedback.len()..][..feedback.len()]);
+                    own.copy_from_slice(&geometric_features(
                         anchored,
                         i,
                         &neighbours[i * k..][..k],
@@ -107,7 +124,7 @@ impl HeadInputs {
                 },
             );
         }
-        inputs
+        Ok(inputs)
     }
 }
 
@@ -126,7 +143,7 @@ fn geometric_features(
     neighbours: &[u32],
     views: &[View],
     geometry: &[ViewGeometry],
-) -> [f32; GEOMETRY_FEATURES] {
+) -> [f32; OWN] {
     let (anchors, cell) = (&anchored.anchors, &anchored.cells[i]);
     let view = anchors.views[i] as usize;
     let rotation = views[view].camera().rotation().as_mat3();

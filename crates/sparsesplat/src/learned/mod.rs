@@ -1,6 +1,7 @@
 //! The learned head: what it sees of the anchors, and what becomes of its outputs.
 
 mod decode;
+mod feedback;
 mod head;
 mod inputs;
 mod rotate_sh;
@@ -8,16 +9,19 @@ mod support;
 
 pub use decode::{BOUNDS, BY_DIRECTION, Decoder};
 pub use head::{FEATURES, LearnedHead};
-pub use inputs::{GEOMETRY_FEATURES, HeadInputs, image_features};
+pub use inputs::{HeadInputs, geometry_features, image_features};
 
-use crate::Anchored;
+use crate::{Anchored, Result};
 use depth_backbone::ViewGeometry;
 
 impl Anchored {
-    /// What a head sees of these anchors; `geometry` is what they were made from, with features.
-    #[must_use]
-    pub fn inputs(&self, geometry: &[ViewGeometry]) -> HeadInputs {
-        HeadInputs::new(self, &self.views, geometry)
+    /// What a head sees of these anchors; `geometry` is what they were made from, with features. With `feedback`
+    /// their closed form is rendered into the views, and what that says is among the inputs.
+    ///
+    /// # Errors
+    /// If their closed form cannot be rendered.
+    pub fn inputs(&self, geometry: &[ViewGeometry], feedback: bool) -> Result<HeadInputs> {
+        HeadInputs::new(self, &self.views, geometry, feedback)
     }
 
     /// What turns a head's outputs for these anchors into Gaussians.
