@@ -10,7 +10,7 @@ pub(crate) const SIZE: (u32, u32) = (960, 460);
 /// Width of the legend beside a chart, pixels.
 const LEGEND: u32 = 216;
 /// Colours that are told apart by people who do not see red and green (Okabe & Ito).
-pub(crate) const COLOURS: [RGBColor; 7] = [
+pub(crate) const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -18,6 +18,7 @@ pub(crate) const COLOURS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
     RGBColor(90, 90, 90),
+    RGBColor(240, 228, 66),
 ];
 
 /// A chart on SVG.

@@ -21,6 +21,8 @@ pub struct Seconds {
     pub backproject: f64,
     /// Neighbours of anchors.
     pub knn: f64,
+    /// Rendering the closed form, of which the head is told.
+    pub feedback: f64,
     /// Attributes of anchors.
     pub head: f64,
     /// Attributes to Gaussians.
@@ -41,13 +43,14 @@ impl Seconds {
     /// These times with those of the pipeline's stages.
     #[must_use]
     pub fn with_stages(self, stages: &StageSeconds) -> Self {
-        let StageSeconds { backbone, exposure, sampling, backproject, knn, head, decode, shell } = *stages;
-        Self { backbone, exposure, sampling, backproject, knn, head, decode, shell, ..self }
+        let StageSeconds { backbone, exposure, sampling, backproject, knn, feedback, head, decode, shell } =
+            *stages;
+        Self { backbone, exposure, sampling, backproject, knn, feedback, head, decode, shell, ..self }
     }
 
     /// Name and time of each stage in order, without the total.
     #[must_use]
-    pub fn stages(&self) -> [(&'static str, f64); 12] {
+    pub fn stages(&self) -> [(&'static str, f64); 13] {
         [
             ("load", self.load),
             ("backbone", self.backbone),
@@ -55,6 +58,7 @@ impl Seconds {
             ("sampling", self.sampling),
             ("backproject", self.backproject),
             ("knn", self.knn),
+            ("feedback", self.feedback),
             ("head", self.head),
             ("decode", self.decode),
             ("shell", self.shell),
@@ -77,6 +81,7 @@ impl Seconds {
             sampling: value(|s| s.sampling),
             backproject: value(|s| s.backproject),
             knn: value(|s| s.knn),
+            feedback: value(|s| s.feedback),
             head: value(|s| s.head),
             decode: value(|s| s.decode),
             shell: value(|s| s.shell),

@@ -33,7 +33,8 @@ use train::{Cases, Config, Look, Score, Trainer};
     sparsesplat train -o run --resume                              goes on after an interruption, bit for bit\n  \
     sparsesplat train -o run --config mlp.ron --scenes 40\n  \
     sparsesplat train -o mean --config none.ron --from a.safetensors --from b.safetensors\n  \
-    \x20                                                              the mean of two runs, where none.ron is (steps: 0)\n  \
+    \x20                                                              the mean of two runs, where none.ron is (steps: 0), and for runs that saw no\n  \
+    \x20                                                              feedback (steps: 0, feedback: false)\n  \
     sparsesplat train -o run --dataset nerfstudio --root photographs --size 240x160\n\n\
     A configuration is RON; what it leaves out is as in the default, which --print-config shows.")]
 pub(crate) struct Arguments {

@@ -21,10 +21,17 @@ pub enum Error {
     #[cfg(feature = "learned")]
     #[error(transparent)]
     Head(#[from] attn_head::Error),
-    /// A closed form that cannot be rendered.
+    /// A closed form that cannot be rendered for the head's feedback.
     #[cfg(feature = "learned")]
-    #[error(transparent)]
-    Render(#[from] gs_raster::Error),
+    #[error(
+        "rendering the closed form into {view}, for the head's feedback: {source}; or take the closed-form head"
+    )]
+    Feedback {
+        /// Name of the view.
+        view: String,
+        /// What the renderer says.
+        source: Box<gs_raster::Error>,
+    },
     /// Weights without the name of the features that they were trained on.
     #[error("{weights}: does not say which features it was trained on: expected weights that `train` wrote")]
     NoSchema {

@@ -85,7 +85,7 @@ fn finish(
     }
     let mut seconds = StageSeconds::default();
     let anchored = anchor(views, geometry, depth_range.1, config, &mut seconds, on_stage)?;
-    let made = timed(&mut seconds.head, || head.map(|head| head.gaussians(&anchored, geometry)).transpose())?;
+    let made = head.map(|head| head.gaussians(&anchored, geometry, &mut seconds)).transpose()?;
     on_stage(Stage::Decode);
     let Anchored { base, shell, mut counts, tau, exposure, spacing, .. } = anchored;
     let gaussians = timed(&mut seconds.decode, || {

@@ -110,6 +110,8 @@ pub struct StageSeconds {
     pub backproject: f64,
     /// Neighbours of anchors.
     pub knn: f64,
+    /// Rendering the closed form into the views, where the head is told of it; announced as [`Stage::Head`].
+    pub feedback: f64,
     /// Attributes of anchors; the head's weights are read in it.
     pub head: f64,
     /// Attributes to one set of Gaussians, merged where that is the allocation.

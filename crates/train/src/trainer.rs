@@ -123,7 +123,7 @@ impl Trainer {
 
     /// Begins with the weights of an earlier run instead of drawn ones; with those of several with their mean, which is of use where
     /// one run began with what another had made. Of what they add to colours by direction [`Config::keep_direction`] is kept. `runs` are
-    /// names, for errors, and weights; none changes nothing. Feedback that a run did not see is ignored to begin with.
+    /// names, for errors, and weights; none changes nothing. Those of a run that saw no feedback ignore it.
     ///
     /// # Errors
     /// If one is of a head of another shape, or was trained on other features.
@@ -133,7 +133,8 @@ impl Trainer {
         for (name, weights) in runs {
             let features = weights.metadata.get(FEATURES).map_or("", String::as_str);
             let same = attn_head::Config { geometry: config.geometry, ..weights.config } == config;
-            if !same || weights.config.geometry > config.geometry || features != self.schema {
+            let known = [config.geometry, geometry_features(false)].contains(&weights.config.geometry);
+            if !same || !known || features != self.schema || weights.config.geometry > config.geometry {
                 return Err(Error::OtherHead {
                     weights: name.clone(),
                     expected: format!("{config:?}, features {:?}", self.schema),
@@ -296,7 +297,8 @@ impl Trainer {
             .collect();
 
         let weights = Var::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
-        let outputs = self.net.outputs(&weights, anchored.inputs(&case.geometry, self.config.feedback)?)?;
+        let feedback = anchored.feedback(self.config.feedback)?;
+        let outputs = self.net.outputs(&weights, anchored.inputs(&case.geometry, &feedback))?;
         let by_direction = outputs.narrow(1, BY_DIRECTION.start, BY_DIRECTION.len())?;
         let share = f64::from(self.config.direction) / by_direction.elem_count().max(1) as f64;
         let by_direction = (by_direction.sqr()?.sum_all()? * share)?;
@@ -363,8 +365,8 @@ impl Trainer {
             let case = cases.read(index)?;
             let anchored = self.anchored(&case, density, self.config.seed)?;
             let weights = Tensor::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
-            let outputs =
-                values(&self.net.outputs(&weights, anchored.inputs(&case.geometry, self.config.feedback)?)?)?;
+            let feedback = anchored.feedback(self.config.feedback)?;
+            let outputs = values(&self.net.outputs(&weights, anchored.inputs(&case.geometry, &feedback))?)?;
             let mut learned = anchored.decoder().decode(&outputs);
             learned.append(&anchored.shell.clone().with_sh_degree(learned.sh_degree())?);
             let mut closed = anchored.base.clone();

@@ -184,7 +184,8 @@ fn a_run_may_begin_with_the_weights_of_another() {
         let mut run = trainer(Config { keep_direction, ..Config::default() }, folder.path());
         run.start_from(&[named(recipe.clone())]).unwrap();
         let case = run.cases.read(0).unwrap();
-        let inputs = run.anchored(&case, 0.02, 0).unwrap().inputs(&case.geometry, true).unwrap();
+        let anchored = run.anchored(&case, 0.02, 0).unwrap();
+        let inputs = anchored.inputs(&case.geometry, &anchored.feedback(true).unwrap());
         attn_head::Head::new(run.weights()).unwrap().run(&inputs.as_inputs()).unwrap()
     };
     let (all, half) = (outputs(1.0), outputs(0.5));
@@ -205,6 +206,7 @@ fn a_run_may_begin_with_the_weights_of_another() {
     assert!(matches!(without.start_from(&[named(first.weights())]), Err(Error::OtherHead { .. })));
     without.start_from(&[named(narrow.clone())]).unwrap();
     assert_eq!(without.weights, narrow.values);
+    assert!(matches!(second.start_from(&[named(of_features(3))]), Err(Error::OtherHead { .. })));
     let mut other = trainer(Config { neighbours: 3, ..Config::default() }, folder.path());
     let error = other.start_from(&[named(first.weights())]).unwrap_err();
     assert!(matches!(&error, Error::OtherHead { weights, .. } if weights == "earlier"), "{error}");

@@ -11,18 +11,19 @@ use std::fmt::Write;
 type Time = fn(&Seconds) -> f64;
 
 /// Stages as the bars show them, the paper's names where it has them.
-const STAGES: [(&str, Time); 7] = [
+const STAGES: [(&str, Time); 8] = [
     ("load", |s| s.load),
     ("backbone", |s| s.backbone),
     ("exposure, shell, sampling", |s| s.exposure + s.shell + s.sampling),
     ("back-projection", |s| s.backproject),
     ("knn", |s| s.knn),
+    ("feedback", |s| s.feedback),
     ("head, decoding", |s| s.head + s.decode),
     ("refinement, writing", |s| s.refine + s.write),
 ];
 
 const NAME: f64 = 130.0;
-const BAR: f64 = 590.0;
+const BAR: f64 = 680.0;
 const ROW: usize = 30;
 const TOP: usize = 46;
 
@@ -33,9 +34,9 @@ pub(super) fn breakdown(summary: &Summary) -> String {
     let longest = rows.iter().map(|row| row.seconds_to_gaussians).fold(f64::MIN_POSITIVE, f64::max);
     let height = TOP + ROW * rows.len().max(1) + 8;
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 820 {height}\" width=\"820\" height=\"{height}\" role=\"img\" \
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 910 {height}\" width=\"910\" height=\"{height}\" role=\"img\" \
          aria-label=\"wall time by stage\" font-family=\"sans-serif\" font-size=\"13\">\n\
-         <rect width=\"820\" height=\"{height}\" fill=\"#ffffff\"/>\n"
+         <rect width=\"910\" height=\"{height}\" fill=\"#ffffff\"/>\n"
     );
     let mut left = 12.0;
     for (i, (name, _)) in STAGES.iter().enumerate() {

@@ -46,7 +46,7 @@ const RUNTIME: [Column; 7] = [
 /// Stages that the paper does not list, seconds.
 fn other(row: &Row) -> f64 {
     let s = &row.seconds;
-    s.load + s.exposure + s.shell + s.backproject + s.decode + s.refine + s.write
+    s.load + s.exposure + s.shell + s.backproject + s.feedback + s.decode + s.refine + s.write
 }
 
 /// Wall time that is in no stage, seconds.

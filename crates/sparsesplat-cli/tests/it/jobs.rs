@@ -24,9 +24,19 @@ fn the_scene_has_as_many_gaussians_as_asked() {
     assert!((2970..=3030).contains(&n), "{n}");
     let result = read_json(&json);
     assert_eq!((number(&result["gaussians"]), number(&result["views"])), (n as f64, 5.0));
-    for key in
-        ["load", "backbone", "sampling", "backproject", "knn", "head", "decode", "refine", "write", "total"]
-    {
+    for key in [
+        "load",
+        "backbone",
+        "sampling",
+        "backproject",
+        "knn",
+        "feedback",
+        "head",
+        "decode",
+        "refine",
+        "write",
+        "total",
+    ] {
         assert!(number(&result["seconds"][key]) >= 0.0, "{key}");
     }
     for key in ["command", "git", "seed", "threads", "machine", "config", "versions"] {

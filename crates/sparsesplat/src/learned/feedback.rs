@@ -1,6 +1,6 @@
 //! Feedback: the closed form is rendered into the photographs that it was made of, and each anchor is told how its Gaussian does there.
-//! The paper's head sees no rendering; docs/training.md has what this is worth. Rendered is on the CPU, whatever renders the result, so
-//! that a prediction does not depend on the graphics adapter.
+//! The paper's head sees no rendering; docs/training.md has what this is worth. The CPU renders it, whatever renders the result, so that a
+//! prediction does not depend on the graphics adapter.
 //!
 //! With e = photograph - rendering (both in the common exposure) and w the share that the Gaussian has in a pixel, summed over the
 //! pixels of the anchor's own view, and over those of all others:
@@ -14,10 +14,10 @@
 //! | 3 | 10 / W times the descent by the logarithms of its scales | whether it is too large |
 //! | 3 | 10 / W times the descent by its mean, in its camera's axes and units of its spacing | where it should be |
 //!
-//! Descent is that of ½ Σ ∣e∣². The factors bring all to the order of 1, and none is above 3.
+//! Descent is that of ½ Σ ∣e∣². The factors bring all to the order of 1, and none is beyond ±3.
 
-use crate::Result;
 use crate::anchored::Anchored;
+use crate::{Error, Result};
 use glam::Vec3;
 use gs_raster::{PixelGradients, Rasterizer, RenderSettings, near_plane};
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0};
@@ -26,8 +26,10 @@ use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0};
 const OF_PART: usize = 12;
 /// Numbers per anchor.
 pub(super) const FEEDBACK: usize = 2 * OF_PART;
-/// None of them is larger.
+/// None of them is farther from 0.
 const LARGEST: f32 = 3.0;
+/// Colours are drawn no darker than this: one that is cut at 0 would have no gradient, from which Σ w is read.
+const DARKEST: f32 = 1e-4;
 /// Share of the cell's area that is added to Σ w: what is hardly seen is told little.
 const AREA_SHARE: f32 = 0.1;
 
@@ -45,25 +47,25 @@ struct Sums {
 /// Feedback `[n, FEEDBACK]` on the closed form of the anchors.
 ///
 /// # Errors
-/// If the closed form cannot be rendered: it covers more tiles of the pictures than memory can hold.
+/// If the closed form covers more tiles of a picture than the renderer takes.
 pub(super) fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
-    let mut scene = anchored.base.clone();
-    scene.append(&anchored.shell);
+    let scene = closed_form(anchored);
     let mut rasterizer = Rasterizer::cpu();
     let mut sums = vec![[Sums::default(); 2]; anchored.base.len()];
     for (index, view) in anchored.views.iter().enumerate() {
         let camera = std::slice::from_ref(view.camera());
         let near = near_plane(&anchored.base, view.camera());
-        let (rendered, tape) =
-            rasterizer.record(&scene, camera, &RenderSettings { near, ..RenderSettings::default() })?;
+        let failed = |error| Error::Feedback { view: view.name().to_owned(), source: Box::new(error) };
+        let settings = RenderSettings { near, ..RenderSettings::default() };
+        let (rendered, tape) = rasterizer.record(&scene, camera, &settings).map_err(failed)?;
         let rendered = rendered[0].image.data();
         let error: Vec<f32> =
             view.image().data().iter().zip(rendered).map(|(photograph, r)| photograph - r).collect();
         // What a pixel sends back to a colour is multiplied by w: of 1 there remains Σ w.
         let counts = error.chunks_exact(3).flat_map(|e| [1.0, e.iter().map(|e| e * e).sum(), 0.0]).collect();
         let pixels = |image| [PixelGradients { image, alpha: None, depth: None }];
-        let by_error = rasterizer.backward(&scene, &tape, &pixels(error))?;
-        let by_counts = rasterizer.backward(&scene, &tape, &pixels(counts))?;
+        let by_error = rasterizer.backward(&scene, &tape, &pixels(error)).map_err(failed)?;
+        let by_counts = rasterizer.backward(&scene, &tape, &pixels(counts)).map_err(failed)?;
         let rows = by_error.geometry.chunks_exact(Gaussians::GEOMETRY);
         let rows = rows.zip(by_error.sh.chunks_exact(3)).zip(by_counts.sh.chunks_exact(3));
         for (((geometry, colour), counts), (sums, &own)) in
@@ -87,6 +89,15 @@ pub(super) fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
     Ok(sums.into_iter().enumerate().flat_map(of_anchor).collect())
 }
 
+/// What is rendered: Gaussians of the anchors and the far shell, in the common exposure.
+fn closed_form(anchored: &Anchored) -> Gaussians {
+    let mut scene = anchored.base.clone();
+    scene.append(&anchored.shell);
+    let darkest = (DARKEST - 0.5) / SH_C0;
+    scene.buffers_mut().1.iter_mut().for_each(|coefficient| *coefficient = coefficient.max(darkest));
+    scene
+}
+
 /// The numbers of one part; `area` is that of the anchor's cell in pixels, `step` the descent by its mean, in its own axes and unit.
 fn numbers(sums: Sums, area: f32, step: Vec3) -> [f32; OF_PART] {
     let area = area.max(1.0);
@@ -104,8 +115,9 @@ fn numbers(sums: Sums, area: f32, step: Vec3) -> [f32; OF_PART] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Backbone, Budget, Config, StageSeconds, Wanted, anchor, geometry};
-    use glam::DVec3;
+    use crate::learned::{HeadInputs, geometry_features};
+    use crate::{Allocation, Backbone, Budget, Config, StageSeconds, Wanted, anchor, geometry};
+    use glam::{DMat3, DVec3};
     use gs_scene::{Camera, DepthMap, View};
     use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
     use std::sync::LazyLock;
@@ -116,17 +128,47 @@ mod tests {
         cameras[..3].iter().map(|camera| render_view(&scene, camera, 2, "v", 0).unwrap()).collect()
     });
 
+    fn config(allocation: Allocation) -> Config {
+        let budget = Budget::Gaussians(400);
+        Config { backbone: Backbone::GivenDepth, budget, allocation, ..Config::default() }
+    }
+
     fn anchored(views: &[View]) -> Anchored {
-        let config =
-            Config { backbone: Backbone::GivenDepth, budget: Budget::Gaussians(400), ..Config::default() };
+        allocated(views, Allocation::Entropy)
+    }
+
+    fn allocated(views: &[View], allocation: Allocation) -> Anchored {
+        let config = config(allocation);
         let (geometry, range) = geometry(views, &config, Wanted::Depth).unwrap();
         anchor(views, &geometry, range.1, &config, &mut StageSeconds::default(), &mut |_| {}).unwrap()
     }
 
+    /// The views with other pictures.
+    fn repainted(views: &[View], paint: impl Fn(usize, &mut f32)) -> Vec<View> {
+        let mut views = views.to_vec();
+        for view in &mut views {
+            view.image_mut().data_mut().iter_mut().enumerate().for_each(|(i, value)| paint(i % 3, value));
+        }
+        views
+    }
+
+    /// The same photographs of a world that was scaled, turned and moved.
+    fn elsewhere(views: &[View], scale: f64, turn: DMat3, to: DVec3) -> Vec<View> {
+        let elsewhere = |view: &View| {
+            let camera = view.camera();
+            let rotation = camera.rotation() * turn.transpose();
+            let position = turn * camera.position() * scale + to;
+            let camera = Camera::new(*camera.intrinsics(), rotation, -(rotation * position)).unwrap();
+            let depth = view.depth().unwrap().data().iter().map(|d| d * scale as f32).collect();
+            let depth = DepthMap::new(camera.width(), camera.height(), depth).unwrap();
+            View::new(view.name(), view.image().clone(), camera, Some(depth)).unwrap()
+        };
+        views.iter().map(elsewhere).collect()
+    }
+
     /// Photographs are what the closed form looks like, and `add` besides.
     fn photograph_itself(anchored: &mut Anchored, add: [f32; 3]) {
-        let mut scene = anchored.base.clone();
-        scene.append(&anchored.shell);
+        let scene = closed_form(anchored);
         for view in &mut anchored.views {
             let near = near_plane(&anchored.base, view.camera());
             let settings = RenderSettings { near, ..RenderSettings::default() };
@@ -152,22 +194,100 @@ mod tests {
 
     #[test]
     fn a_colour_that_is_missing_everywhere_is_missing_at_every_anchor_that_is_seen() {
-        let mut anchored = anchored(&COURTYARD);
-        photograph_itself(&mut anchored, [0.1, 0.0, -0.05]);
-        let found = feedback(&anchored).unwrap();
-        let (mut pixels, cells) = (0.0, anchored.cells.iter().flat_map(|cell| [cell.area; 2]));
-        for (part, area) in parts(&found).zip(cells) {
-            let area = area.max(1.0);
-            let weight = area * ((2.0 * part[0]).exp() - 0.01);
-            let share = weight / (weight + AREA_SHARE * area);
-            let expected = [4.0 * (0.0125 * share).max(0.0).sqrt(), 0.6 * share, 0.0, -0.3 * share];
-            for (found, expected) in part[1..].iter().zip(expected) {
-                assert!((found - expected).abs() < 2e-3, "{part:?}, expected {expected:?}");
+        // In red light, without any, and in none: what is cut at 0 is seen as well as the rest.
+        for paint in [[1.0, 1.0, 1.0], [0.0, 1.0, 1.0], [1.0, 0.0, 0.0], [0.0; 3]] {
+            let mut anchored = anchored(&repainted(&COURTYARD, |channel, value| *value *= paint[channel]));
+            photograph_itself(&mut anchored, [0.1, 0.0, -0.05]);
+            let found = feedback(&anchored).unwrap();
+            let (mut pixels, cells) = (0.0, anchored.cells.iter().flat_map(|cell| [cell.area; 2]));
+            for (part, area) in parts(&found).zip(cells) {
+                let area = area.max(1.0);
+                let weight = area * ((2.0 * part[0]).exp() - 0.01);
+                let share = weight / (weight + AREA_SHARE * area);
+                let expected = [4.0 * (0.0125 * share).max(0.0).sqrt(), 0.6 * share, 0.0, -0.3 * share];
+                for (found, expected) in part[1..].iter().zip(expected) {
+                    assert!((found - expected).abs() < 2e-3, "{part:?}, expected {expected:?}");
+                }
+                pixels += weight;
             }
-            pixels += weight;
+            // No pixel is given away twice.
+            assert!(pixels > 0.5 * 7200.0 && pixels < 7200.0 + 1.0, "{pixels}");
         }
-        // No pixel is given away twice.
-        assert!(pixels > 0.5 * 7200.0 && pixels < 7200.0 + 1.0, "{pixels}");
+    }
+
+    #[test]
+    fn what_is_wrong_in_one_view_is_told_to_its_anchors_as_their_own() {
+        let mut anchored = anchored(&COURTYARD);
+        photograph_itself(&mut anchored, [0.0; 3]);
+        anchored.views[1].image_mut().data_mut().iter_mut().for_each(|value| *value += 0.1);
+        let found = feedback(&anchored).unwrap();
+        let mut told = [0, 0];
+        for (parts, &view) in found.as_chunks::<OF_PART>().0.chunks_exact(2).zip(&anchored.anchors.views) {
+            let of_others = usize::from(view != 1);
+            told[of_others] += usize::from(parts[of_others][1..5].iter().all(|number| *number > 0.1));
+            assert!(parts[1 - of_others][1..].iter().all(|number| *number == 0.0), "{parts:?}");
+        }
+        assert!(told.iter().all(|told| *told > 50), "{told:?}");
+    }
+
+    #[test]
+    fn a_head_sees_it_after_all_else() {
+        let config = config(Allocation::Entropy);
+        let (geometry, range) = geometry(&COURTYARD, &config, Wanted::Depth).unwrap();
+        let seconds = &mut StageSeconds::default();
+        let anchored = anchor(&COURTYARD, &geometry, range.1, &config, seconds, &mut |_| {}).unwrap();
+        assert!(anchored.feedback(false).unwrap().is_empty());
+        let feedback = anchored.feedback(true).unwrap();
+        let [without, with] = [&[][..], &feedback].map(|feedback| anchored.inputs(&geometry, feedback));
+        assert_eq!(with.geometry.len(), with.n * geometry_features(true));
+        let rows =
+            without.geometry.chunks_exact(geometry_features(false)).zip(feedback.chunks_exact(FEEDBACK));
+        let expected: Vec<f32> = rows.flat_map(|(own, told)| [own, told].concat()).collect();
+        assert_eq!(with.geometry, expected);
+        let rest = |inputs| HeadInputs { geometry: Vec::new(), ..inputs };
+        assert_eq!(rest(with), rest(without));
+    }
+
+    #[test]
+    fn factors_are_those_of_the_table() {
+        let sums = Sums {
+            weight: 6.0,
+            squared_error: 0.28,
+            error: Vec3::new(0.7, -1.4, 2.1),
+            by_opacity: -0.07,
+            by_scale: Vec3::new(0.14, -0.21, 0.28),
+            by_mean: Vec3::ZERO,
+        };
+        let found = numbers(sums, 10.0, Vec3::new(0.35, -0.42, 70.0));
+        let expected = [0.5 * 0.61_f32.ln(), 0.8, 0.6, -1.2, 1.8, -0.6, 0.2, -0.3, 0.4, 0.5, -0.6, LARGEST];
+        for (found, expected) in found.into_iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn hard_scenes_are_told_finite_numbers() {
+        let (still, here) = (DMat3::IDENTITY, DVec3::ZERO);
+        let [black, glaring] = [0.0, 1.0].map(|light| repainted(&COURTYARD, |_, value| *value = light));
+        let noise = repainted(&COURTYARD, |channel, value| *value = (1e4 * *value + channel as f32).fract());
+        for (name, views) in [
+            ("black", black),
+            ("white", glaring),
+            ("noise", noise),
+            ("tiny", elsewhere(&COURTYARD, 1e-6, still, here)),
+            ("huge", elsewhere(&COURTYARD, 1e7, still, here)),
+            ("far away", elsewhere(&COURTYARD, 1.0, still, DVec3::splat(1e4))),
+            ("the same view", vec![COURTYARD[0].clone(), COURTYARD[0].clone()]),
+        ] {
+            use Allocation::{Entropy, Merged, PixelAligned, VoxelAligned};
+            for allocation in [Entropy, PixelAligned, Merged, VoxelAligned] {
+                let anchored = allocated(&views, allocation);
+                let found = feedback(&anchored).unwrap();
+                assert_eq!(found.len(), anchored.base.len() * FEEDBACK);
+                let bounded = |number: &f32| number.abs() <= LARGEST;
+                assert!(found.iter().all(bounded), "{name}, {allocation:?}");
+            }
+        }
     }
 
     #[test]
@@ -204,22 +324,17 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_that_is_scaled_is_told_the_same() {
-        let scaled = |view: &View| {
-            let camera = view.camera();
-            let position: DVec3 = camera.position() * 8.0;
-            let camera =
-                Camera::new(*camera.intrinsics(), camera.rotation(), -(camera.rotation() * position))
-                    .unwrap();
-            let depth = view.depth().unwrap().data().iter().map(|d| d * 8.0).collect();
-            let depth = DepthMap::new(camera.width(), camera.height(), depth).unwrap();
-            View::new(view.name(), view.image().clone(), camera, Some(depth)).unwrap()
-        };
-        let scaled: Vec<View> = COURTYARD.iter().map(scaled).collect();
-        let [before, after] = [&COURTYARD[..], &scaled].map(|views| feedback(&anchored(views)).unwrap());
-        assert_eq!(before.len(), after.len());
-        for (before, after) in before.iter().zip(&after) {
-            assert!((before - after).abs() < 1e-2, "{before} {after}");
+    fn a_scene_that_is_scaled_turned_and_moved_is_told_the_same() {
+        let before = feedback(&anchored(&COURTYARD)).unwrap();
+        let turn = DMat3::from_euler(glam::EulerRot::XYZ, 0.5, -1.0, 2.0);
+        for (scale, turn, to, within) in
+            [(8.0, DMat3::IDENTITY, DVec3::ZERO, 1e-2), (3.0, turn, DVec3::new(5.0, -2.0, 7.0), 2e-2)]
+        {
+            let after = feedback(&anchored(&elsewhere(&COURTYARD, scale, turn, to))).unwrap();
+            assert_eq!(before.len(), after.len());
+            for (before, after) in before.iter().zip(&after) {
+                assert!((before - after).abs() < within, "{before} {after}");
+            }
         }
     }
 }

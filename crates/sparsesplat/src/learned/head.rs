@@ -1,7 +1,8 @@
 //! Weights and the features they work with.
 
 use super::{HeadInputs, geometry_features, image_features};
-use crate::{Anchored, Backbone, Config, Error, Result};
+use crate::anchored::timed;
+use crate::{Anchored, Backbone, Config, Error, Result, StageSeconds};
 use attn_head::{Head, Weights};
 use depth_backbone::ViewGeometry;
 use gs_scene::Gaussians;
@@ -73,9 +74,18 @@ impl LearnedHead {
     }
 
     /// What the head makes of the anchors, far shell excluded; `geometry` is that of the views, with features.
-    pub(crate) fn gaussians(&self, anchored: &Anchored, geometry: &[ViewGeometry]) -> Result<Gaussians> {
-        let outputs = self.outputs(&anchored.inputs(geometry, self.feedback)?, geometry)?;
-        Ok(anchored.decoder().decode(&outputs))
+    /// The wall time goes into `seconds`.
+    pub(crate) fn gaussians(
+        &self,
+        anchored: &Anchored,
+        geometry: &[ViewGeometry],
+        seconds: &mut StageSeconds,
+    ) -> Result<Gaussians> {
+        let feedback = timed(&mut seconds.feedback, || anchored.feedback(self.feedback))?;
+        timed(&mut seconds.head, || {
+            let outputs = self.outputs(&anchored.inputs(geometry, &feedback), geometry)?;
+            Ok(anchored.decoder().decode(&outputs))
+        })
     }
 
     /// Outputs `[n, 38]` for anchors of views with this geometry.

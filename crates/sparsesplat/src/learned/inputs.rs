@@ -1,11 +1,11 @@
 //! What a head sees of the anchors. Nothing of it changes when the scene is moved, turned or scaled: directions are in
 //! the axes of the anchor's camera, lengths in units of the anchor's spacing (the width of the patch that it stands
 //! for), so that a head trained in a room works in a street. Absolute are colours, confidence, and where in its picture
-//! an anchor lies (the viewing ray): there lenses and stereo have their habits.
+//! an anchor lies (the viewing ray): there lenses and stereo have their habits. (What rendering says of an anchor changes as far as its
+//! Gaussian does, whose mean is rounded to f32.)
 
-use super::feedback::{FEEDBACK, feedback};
+use super::feedback::FEEDBACK;
 use super::support::support;
-use crate::Result;
 use crate::anchored::Anchored;
 use attn_head::Inputs;
 use depth_backbone::ViewGeometry;
@@ -70,15 +70,14 @@ impl HeadInputs {
         }
     }
 
-    /// Of anchors with features; `views` are in the common exposure.
+    /// Of anchors with features; `views` are in the common exposure, `feedback` is `[n, FEEDBACK]` or empty.
     pub(crate) fn new(
         anchored: &Anchored,
         views: &[View],
         geometry: &[ViewGeometry],
-        with_feedback: bool,
-    ) -> Result<Self> {
-        let of_rendering = if with_feedback { feedback(anchored)? } else { Vec::new() };
-        let width = geometry_features(with_feedback);
+        feedback: &[f32],
+    ) -> Self {
+        let width = geometry_features(!feedback.is_empty());
         let anchors = &anchored.anchors;
         let (n, channels) = (anchors.len(), anchors.channels);
         let (k, neighbours) =
@@ -101,8 +100,8 @@ impl HeadInputs {
                 let rows = geometric.chunks_exact_mut(width);
                 let rows = rows.zip(image.chunks_exact_mut(image_features(channels)));
                 for ((row, image), i) in rows.zip(chunk * CHUNK..) {
-                    let (own, feedback) = row.split_at_mut(OWN);
-                    feedback.copy_from_slice(&of_rendering[i * feedback.len()..][..feedback.len()]);
+                    let (own, of_rendering) = row.split_at_mut(OWN);
+                    of_rendering.copy_from_slice(&feedback[i * of_rendering.len()..][..of_rendering.len()]);
                     own.copy_from_slice(&geometric_features(
                         anchored,
                         i,
@@ -124,7 +123,7 @@ impl HeadInputs {
                 },
             );
         }
-        Ok(inputs)
+        inputs
     }
 }
 

@@ -15,12 +15,18 @@ use crate::{Anchored, Result};
 use depth_backbone::ViewGeometry;
 
 impl Anchored {
-    /// What a head sees of these anchors; `geometry` is what they were made from, with features. With `feedback`
-    /// their closed form is rendered into the views, and what that says is among the inputs.
+    /// What rendering the closed form into the views says of each anchor: `[n, 24]`, or nothing where it is not `wanted`.
     ///
     /// # Errors
-    /// If their closed form cannot be rendered.
-    pub fn inputs(&self, geometry: &[ViewGeometry], feedback: bool) -> Result<HeadInputs> {
+    /// If the closed form cannot be rendered.
+    pub fn feedback(&self, wanted: bool) -> Result<Vec<f32>> {
+        if wanted { feedback::feedback(self) } else { Ok(Vec::new()) }
+    }
+
+    /// What a head sees of these anchors; `geometry` is what they were made from, with features. `feedback` is
+    /// [`feedback`](Self::feedback), which is empty for a head that does without.
+    #[must_use]
+    pub fn inputs(&self, geometry: &[ViewGeometry], feedback: &[f32]) -> HeadInputs {
         HeadInputs::new(self, &self.views, geometry, feedback)
     }
 
