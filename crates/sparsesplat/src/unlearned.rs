@@ -1,6 +1,6 @@
 //! Without the feature `learned` there is no learned head: a type that has no values.
 
-use crate::{Anchored, Config, Error, Head, Result};
+use crate::{Anchored, Config, Error, Head, Result, StageSeconds};
 use depth_backbone::ViewGeometry;
 use gs_scene::Gaussians;
 
@@ -18,7 +18,12 @@ impl LearnedHead {
         match *self {}
     }
 
-    pub(crate) fn gaussians(&self, _: &Anchored, _: &[ViewGeometry]) -> Result<Gaussians> {
+    pub(crate) fn gaussians(
+        &self,
+        _: &Anchored,
+        _: &[ViewGeometry],
+        _: &mut StageSeconds,
+    ) -> Result<Gaussians> {
         match *self {}
     }
 }
