@@ -134,7 +134,7 @@ impl Trainer {
             let features = weights.metadata.get(FEATURES).map_or("", String::as_str);
             let same = attn_head::Config { geometry: config.geometry, ..weights.config } == config;
             let known = [config.geometry, geometry_features(false)].contains(&weights.config.geometry);
-            if !same || !known || features != self.schema || weights.config.geometry > config.geometry {
+            if !same || !known || features != self.schema {
                 return Err(Error::OtherHead {
                     weights: name.clone(),
                     expected: format!("{config:?}, features {:?}", self.schema),

@@ -128,17 +128,17 @@ mod tests {
         cameras[..3].iter().map(|camera| render_view(&scene, camera, 2, "v", 0).unwrap()).collect()
     });
 
-    fn config(allocation: Allocation) -> Config {
-        let budget = Budget::Gaussians(400);
+    fn config(allocation: Allocation, gaussians: usize) -> Config {
+        let budget = Budget::Gaussians(gaussians);
         Config { backbone: Backbone::GivenDepth, budget, allocation, ..Config::default() }
     }
 
     fn anchored(views: &[View]) -> Anchored {
-        allocated(views, Allocation::Entropy)
+        allocated(views, Allocation::Entropy, 400)
     }
 
-    fn allocated(views: &[View], allocation: Allocation) -> Anchored {
-        let config = config(allocation);
+    fn allocated(views: &[View], allocation: Allocation, gaussians: usize) -> Anchored {
+        let config = config(allocation, gaussians);
         let (geometry, range) = geometry(views, &config, Wanted::Depth).unwrap();
         anchor(views, &geometry, range.1, &config, &mut StageSeconds::default(), &mut |_| {}).unwrap()
     }
@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn a_head_sees_it_after_all_else() {
-        let config = config(Allocation::Entropy);
+        let config = config(Allocation::Entropy, 400);
         let (geometry, range) = geometry(&COURTYARD, &config, Wanted::Depth).unwrap();
         let seconds = &mut StageSeconds::default();
         let anchored = anchor(&COURTYARD, &geometry, range.1, &config, seconds, &mut |_| {}).unwrap();
@@ -280,8 +280,16 @@ mod tests {
             ("the same view", vec![COURTYARD[0].clone(), COURTYARD[0].clone()]),
         ] {
             use Allocation::{Entropy, Merged, PixelAligned, VoxelAligned};
-            for allocation in [Entropy, PixelAligned, Merged, VoxelAligned] {
-                let anchored = allocated(&views, allocation);
+            // The least that there is, and as many as there are.
+            for (allocation, n) in [
+                (Entropy, 400),
+                (Entropy, 1),
+                (PixelAligned, 400),
+                (Merged, 400),
+                (VoxelAligned, 400),
+                (VoxelAligned, 1),
+            ] {
+                let anchored = allocated(&views, allocation, n);
                 let found = feedback(&anchored).unwrap();
                 assert_eq!(found.len(), anchored.base.len() * FEEDBACK);
                 let bounded = |number: &f32| number.abs() <= LARGEST;
