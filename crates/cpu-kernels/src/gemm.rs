@@ -1,0 +1,392 @@
+//! Matrix products on slices: rows of A as they lie, B in packed panels, no copy of A.
+
+use crate::dispatch;
+use cpu_isa::Isa;
+use pulp::{Simd, WithSimd};
+use std::ops::Range;
+
+/// Rows of B per pass: a panel of them stays near the first-level cache. Each pass sums from zero, which keeps the rounding of
+/// long sums small.
+const DEPTH: usize = 384;
+
+/// Columns of a panel of B: as many vectors as a tile has, so that its sums fill the registers.
+#[must_use]
+pub fn panel_columns(isa: Isa) -> usize {
+    match isa {
+        Isa::Scalar | Isa::Neon | Isa::Avx2 => 16,
+        Isa::Avx512 => 32,
+    }
+}
+
+/// Rows of a matrix: `count` rows of `width` values, each `stride` after the one before.
+#[derive(Debug, Clone, Copy)]
+pub struct Rows<'a> {
+    values: &'a [f32],
+    count: usize,
+    width: usize,
+    stride: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// Rows without gaps.
+    ///
+    /// # Panics
+    /// If there are not `count * width` values.
+    #[must_use]
+    pub fn new(values: &'a [f32], count: usize, width: usize) -> Self {
+        assert_eq!(values.len(), count * width, "{count} rows of {width}");
+        Self { values, count, width, stride: width }
+    }
+
+    /// Rows that begin `stride` values apart; the last one may be followed by nothing.
+    ///
+    /// # Panics
+    /// If the rows overlap, or `values` ends before they do.
+    #[must_use]
+    pub fn strided(values: &'a [f32], count: usize, width: usize, stride: usize) -> Self {
+        assert!(width <= stride || count <= 1, "rows of {width} that begin {stride} apart");
+        let needed = count.checked_sub(1).map_or(0, |before| before * stride + width);
+        assert!(needed <= values.len(), "{count} rows of {width}, {stride} apart, in {}", values.len());
+        Self { values, count, width, stride }
+    }
+
+    /// `width` columns of these from `first` on.
+    ///
+    /// # Panics
+    /// If there are not so many.
+    #[must_use]
+    pub fn columns(self, first: usize, width: usize) -> Self {
+        assert!(first + width <= self.width, "columns {first}.. of {}", self.width);
+        Self { values: &self.values[first.min(self.values.len())..], width, ..self }
+    }
+
+    /// The rows `range`.
+    ///
+    /// # Panics
+    /// If there are not so many.
+    #[must_use]
+    pub fn slice(self, range: Range<usize>) -> Self {
+        assert!(range.end <= self.count, "rows {range:?} of {}", self.count);
+        let values = &self.values[(range.start * self.stride).min(self.values.len())..];
+        Self { values, count: range.len(), ..self }
+    }
+
+    /// How many.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Values in each.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// One row after the other.
+    pub fn iter(self) -> impl Iterator<Item = &'a [f32]> {
+        (0..self.count).map(move |i| self.row(i))
+    }
+
+    /// Row `i`.
+    ///
+    /// # Panics
+    /// If there is none.
+    #[inline(always)]
+    #[must_use]
+    pub fn row(&self, i: usize) -> &'a [f32] {
+        &self.values[i * self.stride..][..self.width]
+    }
+}
+
+/// B `[depth, columns]` in panels for one instruction set, each `[depth, panel_columns]`; the last one is filled up with zeros.
+#[derive(Debug, Clone)]
+pub struct Packed {
+    isa: Isa,
+    depth: usize,
+    columns: usize,
+    panels: Vec<f32>,
+}
+
+impl Packed {
+    /// Packs B given by value(row, column).
+    pub fn new(isa: Isa, depth: usize, columns: usize, value: impl Fn(usize, usize) -> f32) -> Self {
+        let width = panel_columns(isa);
+        let mut panels = vec![0.0; depth * columns.next_multiple_of(width)];
+        for (p, panel) in panels.chunks_exact_mut((depth * width).max(1)).enumerate() {
+            let first = p * width;
+            for (k, row) in panel.chunks_exact_mut(width).enumerate() {
+                for (j, v) in row.iter_mut().enumerate().take(columns - first) {
+                    *v = value(k, first + j);
+                }
+            }
+        }
+        Self { isa, depth, columns, panels }
+    }
+
+    /// B as it lies, `[depth, columns]`.
+    #[must_use]
+    pub fn rows(isa: Isa, b: Rows<'_>) -> Self {
+        let width = panel_columns(isa);
+        let mut panels = Vec::with_capacity(b.count * b.width.next_multiple_of(width));
+        for first in (0..b.width).step_by(width) {
+            let live = width.min(b.width - first);
+            for row in b.iter() {
+                panels.extend_from_slice(&row[first..first + live]);
+                panels.resize(panels.len() + width - live, 0.0);
+            }
+        }
+        Self { isa, depth: b.count, columns: b.width, panels }
+    }
+
+    /// B that is stored transposed, `[columns, depth]`, as weights are.
+    #[must_use]
+    pub fn transposed(isa: Isa, b: Rows<'_>) -> Self {
+        Self::new(isa, b.width, b.count, |k, column| b.row(column)[k])
+    }
+
+    /// The instruction set that it is packed for, on which products with it run.
+    #[must_use]
+    pub fn isa(&self) -> Isa {
+        self.isa
+    }
+
+    /// Rows of B.
+    #[must_use]
+    pub fn depth(&self) -> usize {
+        self.depth
+    }
+
+    /// Columns of B.
+    #[must_use]
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Number of panels.
+    #[must_use]
+    pub fn panel_count(&self) -> usize {
+        self.columns.div_ceil(panel_columns(self.isa))
+    }
+
+    /// Columns `first..` of C = A times panel `p` of B, all its columns, those that B lacks as zeros. C has as many rows as A,
+    /// `stride` apart.
+    ///
+    /// # Panics
+    /// If A's rows are not as long as B's columns, there is no such panel, or C is too small.
+    pub fn multiply_panel(&self, p: usize, a: Rows<'_>, c: &mut [f32], stride: usize) {
+        assert_eq!(a.width, self.depth, "columns of A and rows of B");
+        assert!(p < self.panel_count(), "panel {p} of {}", self.panel_count());
+        let width = panel_columns(self.isa);
+        let panel = &self.panels[p * self.depth * width..][..self.depth * width];
+        if self.depth == 0 {
+            (0..a.count).for_each(|i| c[i * stride..][..width].fill(0.0));
+        }
+        for start in (0..self.depth).step_by(DEPTH) {
+            let depth = DEPTH.min(self.depth - start);
+            let into = Into { c: &mut *c, stride, columns: width, add: start > 0 };
+            dispatch(self.isa, Panel { a: a.columns(start, depth), panel: &panel[start * width..][..depth * width], into });
+        }
+    }
+}
+
+/// C = A B, or C += A B. C has as many rows as A, `stride` apart; what lies between its rows is left alone.
+///
+/// # Panics
+/// If A's rows are not as long as B's columns, or C is too small.
+pub fn multiply(a: Rows<'_>, b: &Packed, c: &mut [f32], stride: usize, add: bool) {
+    assert_eq!(a.width, b.depth, "columns of A and rows of B");
+    if a.count == 0 || b.columns == 0 {
+        return;
+    }
+    assert!(b.columns <= stride || a.count == 1, "rows of {} that begin {stride} apart", b.columns);
+    assert!((a.count - 1) * stride + b.columns <= c.len(), "{} rows, {stride} apart, in {}", a.count, c.len());
+    if b.depth == 0 && !add {
+        (0..a.count).for_each(|i| c[i * stride..][..b.columns].fill(0.0));
+    }
+    dispatch(b.isa, Product { a, b, c, stride, add });
+}
+
+/// C += Aᵀ B, where C has as many rows as A has columns, without gaps: a sum over the rows of both.
+///
+/// # Panics
+/// If A and B differ in their number of rows, or C is of another size.
+pub fn multiply_transposed(isa: Isa, a: Rows<'_>, b: Rows<'_>, c: &mut [f32]) {
+    assert_eq!(a.count, b.count, "rows of A and B");
+    assert_eq!(c.len(), a.width * b.width, "columns of A times columns of B");
+    dispatch(isa, TransposedProduct { a, b, c });
+}
+
+/// Where a tile's sums go.
+struct Into<'a> {
+    c: &'a mut [f32],
+    stride: usize,
+    columns: usize,
+    add: bool,
+}
+
+struct Product<'a> {
+    a: Rows<'a>,
+    b: &'a Packed,
+    c: &'a mut [f32],
+    stride: usize,
+    add: bool,
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { a, b, c, stride, add } = self;
+        let width = panel_columns(b.isa);
+        for start in (0..b.depth).step_by(DEPTH) {
+            let depth = DEPTH.min(b.depth - start);
+            let a = a.columns(start, depth);
+            for first in (0..b.columns).step_by(width) {
+                let panel = &b.panels[first * b.depth + start * width..][..depth * width];
+                let columns = width.min(b.columns - first);
+                let into = Into { c: &mut c[first..], stride, columns, add: add || start > 0 };
+                Panel { a, panel, into }.with_simd(simd);
+            }
+        }
+    }
+}
+
+/// Some columns of C (+)= A times one panel.
+struct Panel<'a> {
+    a: Rows<'a>,
+    panel: &'a [f32],
+    into: Into<'a>,
+}
+
+impl WithSimd for Panel<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        // Vectors and rows of a tile: as many sums as there are registers for, next to those for A and B.
+        match S::F32_LANES {
+            1 => self.tiles::<S, 16, 2>(simd),
+            4 => self.tiles::<S, 4, 6>(simd),
+            8 => self.tiles::<S, 2, 6>(simd),
+            _ => self.tiles::<S, 2, 12>(simd),
+        }
+    }
+}
+
+impl Panel<'_> {
+    #[inline(always)]
+    fn tiles<S: Simd, const VECTORS: usize, const ROWS: usize>(self, simd: S) {
+        let Self { a, panel, mut into } = self;
+        let panel = S::as_simd_f32s(panel).0.as_chunks::<VECTORS>().0;
+        for first in (0..a.count).step_by(ROWS) {
+            // A tile that is not full computes its last row several times.
+            let rows: [&[f32]; ROWS] =
+                std::array::from_fn(|i| &a.row((first + i).min(a.count - 1))[..panel.len()]);
+            let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
+            for (k, b) in panel.iter().enumerate() {
+                // A's values are taken before any is used, so that nothing can fail between the sums and they stay in registers.
+                let a: [f32; ROWS] = std::array::from_fn(|i| rows[i][k]);
+                add_products(simd, a, b, &mut sums);
+            }
+            into.store(simd, first, ROWS.min(a.count - first), &sums);
+        }
+    }
+}
+
+struct TransposedProduct<'a> {
+    a: Rows<'a>,
+    b: Rows<'a>,
+    c: &'a mut [f32],
+}
+
+impl WithSimd for TransposedProduct<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        match S::F32_LANES {
+            1 => self.tiles::<S, 16, 2>(simd),
+            4 => self.tiles::<S, 4, 6>(simd),
+            8 => self.tiles::<S, 2, 6>(simd),
+            _ => self.tiles::<S, 2, 12>(simd),
+        }
+    }
+}
+
+impl TransposedProduct<'_> {
+    #[inline(always)]
+    fn tiles<S: Simd, const VECTORS: usize, const ROWS: usize>(self, simd: S) {
+        let Self { a, b, c } = self;
+        let columns = VECTORS * S::F32_LANES;
+        for first in (0..a.width).step_by(ROWS) {
+            let count = ROWS.min(a.width - first);
+            for left in (0..b.width).step_by(columns) {
+                let live = columns.min(b.width - left);
+                let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
+                for (a, b) in a.iter().zip(b.iter()) {
+                    let (a, b) = (&a[first..], &b[left..]);
+                    let a: [f32; ROWS] = match a.first_chunk() {
+                        Some(a) => *a,
+                        None => std::array::from_fn(|i| a.get(i).copied().unwrap_or(0.0)),
+                    };
+                    let b: [S::f32s; VECTORS] = match S::as_simd_f32s(b).0.first_chunk() {
+                        Some(b) => *b,
+                        None => std::array::from_fn(|j| {
+                            simd.partial_load_f32s(b.get(j * S::F32_LANES..).unwrap_or(&[]))
+                        }),
+                    };
+                    add_products(simd, a, &b, &mut sums);
+                }
+                let mut into = Into { c: &mut c[left..], stride: b.width, columns: live, add: true };
+                into.store(simd, first, count, &sums);
+            }
+        }
+    }
+}
+
+/// sums += a bᵀ.
+#[inline(always)]
+fn add_products<S: Simd, const VECTORS: usize, const ROWS: usize>(
+    simd: S,
+    a: [f32; ROWS],
+    b: &[S::f32s; VECTORS],
+    sums: &mut [[S::f32s; VECTORS]; ROWS],
+) {
+    for (a, sums) in a.into_iter().zip(sums) {
+        let a = simd.splat_f32s(a);
+        for (b, sum) in b.iter().zip(sums) {
+            *sum = simd.mul_add_e_f32s(a, *b, *sum);
+        }
+    }
+}
+
+impl Into<'_> {
+    /// Stores the first `count` rows of a tile from row `first` on.
+    #[inline(always)]
+    fn store<S: Simd, const VECTORS: usize, const ROWS: usize>(
+        &mut self,
+        simd: S,
+        first: usize,
+        count: usize,
+        sums: &[[S::f32s; VECTORS]; ROWS],
+    ) {
+        for (i, sums) in sums.iter().enumerate() {
+            if i == count {
+                break;
+            }
+            let row = &mut self.c[(first + i) * self.stride..][..self.columns];
+            if let Some(row) = S::as_mut_simd_f32s(row).0.first_chunk_mut::<VECTORS>() {
+                for (out, sum) in row.iter_mut().zip(sums) {
+                    *out = if self.add { simd.add_f32s(*out, *sum) } else { *sum };
+                }
+            } else {
+                for (row, sum) in row.chunks_mut(S::F32_LANES).zip(sums) {
+                    let before = if self.add { simd.partial_load_f32s(row) } else { simd.splat_f32s(0.0) };
+                    simd.partial_store_f32s(row, simd.add_f32s(before, *sum));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,28 @@
+#![doc = include_str!("../README.md")]
+
+pub use cpu_isa::Isa;
+pub use pulp;
+
+mod gemm;
+pub use gemm::{Packed, Rows, multiply, multiply_transposed, panel_columns};
+
+use pulp::{Scalar, Simd, WithSimd};
+
+/// Runs a kernel on the vectors of an instruction set.
+///
+/// # Panics
+/// If the processor lacks it.
+#[inline]
+pub fn dispatch<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
+    match isa {
+        Isa::Scalar => Scalar::new().vectorize(kernel),
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => pulp::x86::V3::try_new().expect("a processor with AVX2").vectorize(kernel),
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => pulp::x86::V4::try_new().expect("a processor with AVX-512").vectorize(kernel),
+        #[cfg(target_arch = "aarch64")]
+        Isa::Neon => pulp::aarch64::Neon::try_new().expect("a processor with NEON").vectorize(kernel),
+        #[allow(unreachable_patterns)]
+        other => panic!("this processor lacks {other}"),
+    }
+}
