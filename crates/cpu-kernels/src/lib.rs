@@ -15,13 +15,13 @@ use pulp::{Scalar, Simd, WithSimd};
 #[inline]
 pub fn dispatch<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
     match isa {
-        Isa::Scalar => Scalar::new().vectorize(kernel),
+        Isa::Scalar => Simd::vectorize(Scalar::new(), kernel),
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => pulp::x86::V3::try_new().expect("a processor with AVX2").vectorize(kernel),
+        Isa::Avx2 => Simd::vectorize(pulp::x86::V3::try_new().expect("a processor with AVX2"), kernel),
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => pulp::x86::V4::try_new().expect("a processor with AVX-512").vectorize(kernel),
+        Isa::Avx512 => Simd::vectorize(pulp::x86::V4::try_new().expect("a processor with AVX-512"), kernel),
         #[cfg(target_arch = "aarch64")]
-        Isa::Neon => pulp::aarch64::Neon::try_new().expect("a processor with NEON").vectorize(kernel),
+        Isa::Neon => Simd::vectorize(pulp::aarch64::Neon::try_new().expect("a processor with NEON"), kernel),
         #[allow(unreachable_patterns)]
         other => panic!("this processor lacks {other}"),
     }
