@@ -31,6 +31,25 @@ impl Activation {
         assert_eq!(values.len(), grad.len(), "a gradient for every value");
         dispatch(isa, Gradient { activation: self, values, grad });
     }
+
+    #[inline(always)]
+    fn value_and_slope<S: Simd>(self, simd: S, x: S::f32s) -> (S::f32s, S::f32s) {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        match self {
+            Self::Identity => (x, one),
+            Self::Relu => {
+                let slope = simd.select_f32s(simd.greater_than_f32s(x, zero), one, zero);
+                (vector::relu(simd, x), slope)
+            }
+            Self::Gelu => vector::gelu(simd, x),
+            Self::Silu => {
+                let logistic = simd.div_f32s(one, simd.add_f32s(one, vector::exp(simd, simd.neg_f32s(x))));
+                let rest = simd.sub_f32s(one, logistic);
+                let slope = simd.mul_f32s(logistic, simd.mul_add_e_f32s(x, rest, one));
+                (simd.mul_f32s(x, logistic), slope)
+            }
+        }
+    }
 }
 
 struct Apply<'a> {
@@ -45,9 +64,24 @@ impl WithSimd for Apply<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         match self.activation {
             Activation::Identity => {}
-            Activation::Relu => vector::map(simd, self.values, |x| vector::relu(simd, x)),
-            Activation::Gelu => vector::map(simd, self.values, |x| vector::gelu(simd, x).0),
-            Activation::Silu => vector::map(simd, self.values, |x| vector::silu(simd, x)),
+            Activation::Relu => vector::map(
+                simd,
+                self.values,
+                #[inline(always)]
+                |x| vector::relu(simd, x),
+            ),
+            Activation::Gelu => vector::map(
+                simd,
+                self.values,
+                #[inline(always)]
+                |x| vector::gelu(simd, x).0,
+            ),
+            Activation::Silu => vector::map(
+                simd,
+                self.values,
+                #[inline(always)]
+                |x| vector::silu(simd, x),
+            ),
         }
     }
 }
@@ -63,30 +97,15 @@ impl WithSimd for Gradient<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
-        // Value and slope.
-        let function = |x: S::f32s| match self.activation {
-            Activation::Identity => (x, one),
-            Activation::Relu => {
-                (vector::relu(simd, x), simd.select_f32s(simd.greater_than_f32s(x, zero), one, zero))
-            }
-            Activation::Gelu => vector::gelu(simd, x),
-            Activation::Silu => {
-                let logistic = simd.div_f32s(one, simd.add_f32s(one, vector::exp(simd, simd.neg_f32s(x))));
-                let rest = simd.sub_f32s(one, logistic);
-                let slope = simd.mul_f32s(logistic, simd.mul_add_e_f32s(x, rest, one));
-                (simd.mul_f32s(x, logistic), slope)
-            }
-        };
-        let ((vectors, rest), (grads, grad_rest)) =
-            (S::as_mut_simd_f32s(self.values), S::as_mut_simd_f32s(self.grad));
+        let Self { activation, values, grad } = self;
+        let ((vectors, rest), (grads, grad_rest)) = (S::as_mut_simd_f32s(values), S::as_mut_simd_f32s(grad));
         for (v, grad) in vectors.iter_mut().zip(grads) {
-            let (value, slope) = function(*v);
+            let (value, slope) = activation.value_and_slope(simd, *v);
             *v = value;
             *grad = simd.mul_f32s(*grad, slope);
         }
         if !rest.is_empty() {
-            let (value, slope) = function(simd.partial_load_f32s(rest));
+            let (value, slope) = activation.value_and_slope(simd, simd.partial_load_f32s(rest));
             simd.partial_store_f32s(rest, value);
             let grad = simd.partial_load_f32s(grad_rest);
             simd.partial_store_f32s(grad_rest, simd.mul_f32s(grad, slope));

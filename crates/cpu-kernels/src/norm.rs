@@ -55,20 +55,44 @@ impl LayerNorm<'_> {
     fn normalise<S: Simd>(&self, simd: S, x: &[f32], out: &mut [f32]) -> f32 {
         let count = x.len() as f32;
         // The mean in two parts, which together have more digits than f32: an offset does not blur small differences.
-        let near = simd.splat_f32s(vector::sum(simd, x, |v| v) / count);
-        let rest = simd.splat_f32s(vector::sum(simd, x, |v| simd.sub_f32s(v, near)) / count);
-        let apart = |v| simd.sub_f32s(simd.sub_f32s(v, near), rest);
-        let square = |v| {
-            let apart = apart(v);
-            simd.mul_f32s(apart, apart)
-        };
-        let variance = vector::sum(simd, x, square) / count;
+        let near = simd.splat_f32s(
+            vector::sum(
+                simd,
+                x,
+                #[inline(always)]
+                |v| v,
+            ) / count,
+        );
+        let rest = simd.splat_f32s(
+            vector::sum(
+                simd,
+                x,
+                #[inline(always)]
+                |v| simd.sub_f32s(v, near),
+            ) / count,
+        );
+        let squares = vector::sum(
+            simd,
+            x,
+            #[inline(always)]
+            |v| {
+                let apart = simd.sub_f32s(simd.sub_f32s(v, near), rest);
+                simd.mul_f32s(apart, apart)
+            },
+        );
+        let variance = squares / count;
         if !variance.is_finite() {
             return self.normalise_wide(x, out);
         }
         let scale = 1.0 / (variance + self.epsilon).sqrt();
         let factor = simd.splat_f32s(scale);
-        vector::map2(simd, out, x, |_, v| simd.mul_f32s(apart(v), factor));
+        vector::map2(
+            simd,
+            out,
+            x,
+            #[inline(always)]
+            |_, v| simd.mul_f32s(simd.sub_f32s(simd.sub_f32s(v, near), rest), factor),
+        );
         scale
     }
 
@@ -101,9 +125,13 @@ impl WithSimd for Forward<'_> {
         let columns = norm.weight.len().max(1);
         for (x, out) in x.chunks_exact(columns).zip(out.chunks_exact_mut(columns)) {
             norm.normalise(simd, x, out);
-            vector::map3(simd, out, (norm.weight, norm.bias), |v, weight, bias| {
-                simd.mul_add_e_f32s(v, weight, bias)
-            });
+            vector::map3(
+                simd,
+                out,
+                (norm.weight, norm.bias),
+                #[inline(always)]
+                |v, weight, bias| simd.mul_add_e_f32s(v, weight, bias),
+            );
         }
     }
 }
@@ -130,17 +158,46 @@ impl WithSimd for Backward<'_> {
         for ((x, grad_out), grad_x) in rows.zip(grad_x.chunks_exact_mut(columns)) {
             let scale = simd.splat_f32s(norm.normalise(simd, x, &mut normal));
             grad.copy_from_slice(grad_out);
-            vector::map2(simd, &mut grad, norm.weight, |g, weight| simd.mul_f32s(g, weight));
-            let product = |sum, g, v| simd.mul_add_e_f32s(g, v, sum);
-            vector::map3(simd, grad_weight, (grad_out, &normal), product);
-            vector::map2(simd, grad_bias, grad_out, |sum, g| simd.add_f32s(sum, g));
-            let along_one = simd.splat_f32s(vector::sum(simd, &grad, |g| g) / count);
+            vector::map2(
+                simd,
+                &mut grad,
+                norm.weight,
+                #[inline(always)]
+                |g, weight| simd.mul_f32s(g, weight),
+            );
+            vector::map3(
+                simd,
+                grad_weight,
+                (grad_out, &normal),
+                #[inline(always)]
+                |sum, g, v| simd.mul_add_e_f32s(g, v, sum),
+            );
+            vector::map2(
+                simd,
+                grad_bias,
+                grad_out,
+                #[inline(always)]
+                |sum, g| simd.add_f32s(sum, g),
+            );
+            let along_one = simd.splat_f32s(
+                vector::sum(
+                    simd,
+                    &grad,
+                    #[inline(always)]
+                    |g| g,
+                ) / count,
+            );
             let along_normal = simd.splat_f32s(-vector::dot(simd, &grad, &normal) / count);
-            let gradient = |sum, g, v| {
-                let across = simd.mul_add_e_f32s(v, along_normal, simd.sub_f32s(g, along_one));
-                simd.mul_add_e_f32s(across, scale, sum)
-            };
-            vector::map3(simd, grad_x, (&grad, &normal), gradient);
+            vector::map3(
+                simd,
+                grad_x,
+                (&grad, &normal),
+                #[inline(always)]
+                |sum, g, v| {
+                    let across = simd.mul_add_e_f32s(v, along_normal, simd.sub_f32s(g, along_one));
+                    simd.mul_add_e_f32s(across, scale, sum)
+                },
+            );
         }
     }
 }

@@ -16,11 +16,27 @@ impl Pointwise {
     #[inline(always)]
     fn apply<S: Simd>(self, simd: S, values: &mut [f32], other: &[f32]) {
         match self {
-            Self::Add => vector::map2(simd, values, other, |v, o| simd.add_f32s(v, o)),
-            Self::Multiply => vector::map2(simd, values, other, |v, o| simd.mul_f32s(v, o)),
-            Self::AddAndClip => {
-                vector::map2(simd, values, other, |v, o| vector::relu(simd, simd.add_f32s(v, o)))
-            }
+            Self::Add => vector::map2(
+                simd,
+                values,
+                other,
+                #[inline(always)]
+                |v, o| simd.add_f32s(v, o),
+            ),
+            Self::Multiply => vector::map2(
+                simd,
+                values,
+                other,
+                #[inline(always)]
+                |v, o| simd.mul_f32s(v, o),
+            ),
+            Self::AddAndClip => vector::map2(
+                simd,
+                values,
+                other,
+                #[inline(always)]
+                |v, o| vector::relu(simd, simd.add_f32s(v, o)),
+            ),
         }
     }
 }
@@ -106,10 +122,16 @@ impl WithSimd for Squares<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         for row in self.rows.iter() {
-            vector::map3(simd, self.sums, (row, self.mean), |sum, v, mean| {
-                let apart = simd.sub_f32s(v, mean);
-                simd.mul_add_e_f32s(apart, apart, sum)
-            });
+            vector::map3(
+                simd,
+                self.sums,
+                (row, self.mean),
+                #[inline(always)]
+                |sum, v, mean| {
+                    let apart = simd.sub_f32s(v, mean);
+                    simd.mul_add_e_f32s(apart, apart, sum)
+                },
+            );
         }
     }
 }
@@ -134,9 +156,13 @@ impl WithSimd for ScaleApart<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         for row in self.out.chunks_exact_mut(self.mean.len().max(1)) {
-            vector::map3(simd, row, (self.mean, self.factor), |v, mean, factor| {
-                simd.mul_f32s(simd.sub_f32s(v, mean), factor)
-            });
+            vector::map3(
+                simd,
+                row,
+                (self.mean, self.factor),
+                #[inline(always)]
+                |v, mean, factor| simd.mul_f32s(simd.sub_f32s(v, mean), factor),
+            );
         }
     }
 }
@@ -160,9 +186,13 @@ impl WithSimd for Mix<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let (first, second) = (simd.splat_f32s(1.0 - self.weight), simd.splat_f32s(self.weight));
-        vector::map3(simd, self.out, (self.a, self.b), |_, a, b| {
-            simd.mul_add_e_f32s(b, second, simd.mul_f32s(a, first))
-        });
+        vector::map3(
+            simd,
+            self.out,
+            (self.a, self.b),
+            #[inline(always)]
+            |_, a, b| simd.mul_add_e_f32s(b, second, simd.mul_f32s(a, first)),
+        );
     }
 }
 
@@ -205,18 +235,39 @@ impl WithSimd for Exponentials<'_> {
         let Self { row, scale, labels } = self;
         let scale = simd.splat_f32s(scale);
         match labels {
-            None => vector::map(simd, row, |v| simd.mul_f32s(v, scale)),
+            None => vector::map(
+                simd,
+                row,
+                #[inline(always)]
+                |v| simd.mul_f32s(v, scale),
+            ),
             Some((label, keys)) => {
                 let (label, zero, apart) =
                     (simd.splat_f32s(label), simd.splat_f32s(0.0), simd.splat_f32s(-100.0));
-                vector::map2(simd, row, keys, |v, key| {
-                    let mask = simd.select_f32s(simd.equal_f32s(key, label), zero, apart);
-                    simd.mul_add_e_f32s(v, scale, mask)
-                });
+                vector::map2(
+                    simd,
+                    row,
+                    keys,
+                    #[inline(always)]
+                    |v, key| {
+                        let mask = simd.select_f32s(simd.equal_f32s(key, label), zero, apart);
+                        simd.mul_add_e_f32s(v, scale, mask)
+                    },
+                );
             }
         }
         let most = simd.splat_f32s(vector::largest(simd, row));
-        vector::map(simd, row, |v| vector::exp(simd, simd.sub_f32s(v, most)));
-        vector::sum(simd, row, |v| v)
+        vector::map(
+            simd,
+            row,
+            #[inline(always)]
+            |v| vector::exp(simd, simd.sub_f32s(v, most)),
+        );
+        vector::sum(
+            simd,
+            row,
+            #[inline(always)]
+            |v| v,
+        )
     }
 }

@@ -1,4 +1,7 @@
 //! What kernels are made of: loops over slices in vectors, and elementary functions of vectors without branches or calls.
+//!
+//! Vector instructions are only used where all is inlined into the function that is compiled for them. Closures that are
+//! given to these loops therefore have `#[inline(always)]`: one that is left outside calls a function for each instruction.
 
 use pulp::Simd;
 
@@ -102,7 +105,15 @@ pub fn dot<S: Simd>(simd: S, a: &[f32], b: &[f32]) -> f32 {
     }
     if !rest_a.is_empty() {
         let b = simd.partial_load_f32s(rest_b);
-        sums[3] = simd.add_f32s(sums[3], masked(simd, rest_a, |a| simd.mul_f32s(a, b)));
+        sums[3] = simd.add_f32s(
+            sums[3],
+            masked(
+                simd,
+                rest_a,
+                #[inline(always)]
+                |a| simd.mul_f32s(a, b),
+            ),
+        );
     }
     let [a, b, c, d] = sums;
     simd.reduce_sum_f32s(simd.add_f32s(simd.add_f32s(a, b), simd.add_f32s(c, d)))
@@ -148,18 +159,26 @@ pub fn exp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     const HIGHEST: f32 = 88.0;
     // Taylor's series on |f| ≤ ln 2 / 2: the first term left out is 5e-9.
     const SERIES: [f32; 8] = [1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
-    let splat = |v: f32| simd.splat_f32s(v);
     // Not a number stays so through every step.
-    let highest = splat(HIGHEST);
+    let highest = simd.splat_f32s(HIGHEST);
     let clamped = simd.select_f32s(simd.greater_than_f32s(x, highest), highest, x);
-    let rounded = simd.mul_add_e_f32s(clamped, splat(std::f32::consts::LOG2_E), splat(ROUND));
-    let n = simd.sub_f32s(rounded, splat(ROUND));
-    let f = simd.mul_add_e_f32s(n, splat(-LOW), simd.mul_add_e_f32s(n, splat(-HIGH), clamped));
+    let rounded =
+        simd.mul_add_e_f32s(clamped, simd.splat_f32s(std::f32::consts::LOG2_E), simd.splat_f32s(ROUND));
+    let n = simd.sub_f32s(rounded, simd.splat_f32s(ROUND));
+    let f = simd.mul_add_e_f32s(
+        n,
+        simd.splat_f32s(-LOW),
+        simd.mul_add_e_f32s(n, simd.splat_f32s(-HIGH), clamped),
+    );
     let p = polynomial(simd, SERIES, f);
     let bits = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(rounded), simd.splat_u32s(23));
     let scale = simd.transmute_f32s_u32s(simd.add_u32s(bits, simd.splat_u32s(1.0_f32.to_bits())));
     // Below the lowest the scale is of no meaning.
-    simd.select_f32s(simd.less_than_f32s(x, splat(LOWEST)), splat(0.0), simd.mul_f32s(p, scale))
+    simd.select_f32s(
+        simd.less_than_f32s(x, simd.splat_f32s(LOWEST)),
+        simd.splat_f32s(0.0),
+        simd.mul_f32s(p, scale),
+    )
 }
 
 /// x Φ(x) and its derivative Φ(x) + x φ(x), of the normal distribution; absolute error of both below 2e-7 + |x| 6e-8.
@@ -179,14 +198,14 @@ pub fn gelu<S: Simd>(simd: S, x: S::f32s) -> (S::f32s, S::f32s) {
         0.139_621_66,
     ];
     const PEAK: f32 = 0.398_942_3; // φ(0) = 1 / sqrt(2 π)
-    let splat = |v: f32| simd.splat_f32s(v);
     let t = simd.abs_f32s(x);
-    let bell = exp(simd, simd.mul_f32s(simd.mul_f32s(splat(-0.5), t), t));
-    let s = simd.div_f32s(splat(1.0), simd.mul_add_e_f32s(splat(0.35), t, splat(1.0)));
+    let bell = exp(simd, simd.mul_f32s(simd.mul_f32s(simd.splat_f32s(-0.5), t), t));
+    let s = simd
+        .div_f32s(simd.splat_f32s(1.0), simd.mul_add_e_f32s(simd.splat_f32s(0.35), t, simd.splat_f32s(1.0)));
     let tail = simd.mul_f32s(simd.mul_f32s(bell, s), polynomial(simd, P, s));
-    let negative = simd.less_than_f32s(x, splat(0.0));
-    let normal = simd.select_f32s(negative, tail, simd.sub_f32s(splat(1.0), tail));
-    (simd.mul_f32s(x, normal), simd.mul_add_e_f32s(simd.mul_f32s(x, splat(PEAK)), bell, normal))
+    let negative = simd.less_than_f32s(x, simd.splat_f32s(0.0));
+    let normal = simd.select_f32s(negative, tail, simd.sub_f32s(simd.splat_f32s(1.0), tail));
+    (simd.mul_f32s(x, normal), simd.mul_add_e_f32s(simd.mul_f32s(x, simd.splat_f32s(PEAK)), bell, normal))
 }
 
 /// x / (1 + e^-x).

@@ -307,7 +307,12 @@ fn softmax<S: Simd>(simd: S, logits: &mut [[f32; HEADS]]) {
             logit[c] -= most[c];
         }
     }
-    map(simd, logits.as_flattened_mut(), |v| exp(simd, v));
+    map(
+        simd,
+        logits.as_flattened_mut(),
+        #[inline(always)]
+        |v| exp(simd, v),
+    );
     let mut sum = [0.0_f32; HEADS];
     for logit in logits.iter() {
         for c in 0..HEADS {
