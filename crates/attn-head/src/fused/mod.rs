@@ -37,6 +37,7 @@ mod linear;
 mod math;
 mod network;
 mod norm;
+#[cfg(feature = "candle")]
 mod op;
 mod pairs;
 mod perceptron;
@@ -47,6 +48,7 @@ use crate::{Config, Inputs, LAYERS, Layout, OUTPUTS};
 use backward::Backward;
 use network::{BLOCK, Network};
 
+#[cfg(feature = "candle")]
 pub use op::{Neighbourhood, apply};
 
 /// Tasks that the anchors are divided into. Fixed, so that sums over them do not depend on the number of threads.
