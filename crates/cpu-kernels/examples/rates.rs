@@ -16,9 +16,15 @@ fn best(work: &mut dyn FnMut()) -> f64 {
 
 fn main() {
     let value = |i: usize| ((i as u32).wrapping_mul(2_654_435_761) >> 8) as f32 / 8_388_608.0 - 1.0;
-    for [rows, depth, columns] in
-        [[48, 128, 128], [48, 128, 512], [48, 512, 128], [48, 32, 128], [96, 384, 384], [96, 384, 1152], [1024, 1024, 1024]]
-    {
+    for [rows, depth, columns] in [
+        [48, 128, 128],
+        [48, 128, 512],
+        [48, 512, 128],
+        [48, 32, 128],
+        [96, 384, 384],
+        [96, 384, 1152],
+        [1024, 1024, 1024],
+    ] {
         let a: Vec<f32> = (0..rows * depth).map(value).collect();
         let b: Vec<f32> = (0..depth * columns).map(value).collect();
         let mut c = vec![0.0; rows * columns];
@@ -28,8 +34,25 @@ fn main() {
         print!("{rows} {depth} {columns}:");
         let seconds = best(&mut || unsafe {
             gemm::gemm(
-                rows, columns, depth, c.as_mut_ptr(), 1, columns as isize, true, a.as_ptr(), 1, depth as isize,
-                b.as_ptr(), 1, columns as isize, 1.0, 1.0, false, false, false, gemm::Parallelism::None,
+                rows,
+                columns,
+                depth,
+                c.as_mut_ptr(),
+                1,
+                columns as isize,
+                true,
+                a.as_ptr(),
+                1,
+                depth as isize,
+                b.as_ptr(),
+                1,
+                columns as isize,
+                1.0,
+                1.0,
+                false,
+                false,
+                false,
+                gemm::Parallelism::None,
             );
         });
         print!(" gemm {:.1}", flops / seconds / 1e9);

@@ -1,6 +1,6 @@
 //! Matrix products on slices: rows of A as they lie, B in packed panels, no copy of A.
 
-use crate::dispatch;
+use crate::{dispatch, tile};
 use cpu_isa::Isa;
 use pulp::{Simd, WithSimd};
 use std::ops::Range;
@@ -185,7 +185,10 @@ impl Packed {
         for start in (0..self.depth).step_by(DEPTH) {
             let depth = DEPTH.min(self.depth - start);
             let into = Into { c: &mut *c, stride, columns: width, add: start > 0 };
-            dispatch(self.isa, Panel { a: a.columns(start, depth), panel: &panel[start * width..][..depth * width], into });
+            dispatch(
+                self.isa,
+                Panel { a: a.columns(start, depth), panel: &panel[start * width..][..depth * width], into },
+            );
         }
     }
 }
@@ -200,7 +203,12 @@ pub fn multiply(a: Rows<'_>, b: &Packed, c: &mut [f32], stride: usize, add: bool
         return;
     }
     assert!(b.columns <= stride || a.count == 1, "rows of {} that begin {stride} apart", b.columns);
-    assert!((a.count - 1) * stride + b.columns <= c.len(), "{} rows, {stride} apart, in {}", a.count, c.len());
+    assert!(
+        (a.count - 1) * stride + b.columns <= c.len(),
+        "{} rows, {stride} apart, in {}",
+        a.count,
+        c.len()
+    );
     if b.depth == 0 && !add {
         (0..a.count).for_each(|i| c[i * stride..][..b.columns].fill(0.0));
     }
@@ -265,12 +273,13 @@ impl WithSimd for Panel<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        // Vectors and rows of a tile: as many sums as there are registers for, next to those for A and B.
+        // Vectors and rows of a tile: enough sums to hide the latency of their additions, and no more than stay in registers,
+        // with the pointers to the rows.
         match S::F32_LANES {
             1 => self.tiles::<S, 16, 2>(simd),
             4 => self.tiles::<S, 4, 6>(simd),
             8 => self.tiles::<S, 2, 6>(simd),
-            _ => self.tiles::<S, 2, 12>(simd),
+            _ => self.tiles::<S, 2, 8>(simd),
         }
     }
 }
@@ -279,17 +288,10 @@ impl Panel<'_> {
     #[inline(always)]
     fn tiles<S: Simd, const VECTORS: usize, const ROWS: usize>(self, simd: S) {
         let Self { a, panel, mut into } = self;
-        let panel = S::as_simd_f32s(panel).0.as_chunks::<VECTORS>().0;
         for first in (0..a.count).step_by(ROWS) {
             // A tile that is not full computes its last row several times.
-            let rows: [&[f32]; ROWS] =
-                std::array::from_fn(|i| &a.row((first + i).min(a.count - 1))[..panel.len()]);
-            let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
-            for (k, b) in panel.iter().enumerate() {
-                // A's values are taken before any is used, so that nothing can fail between the sums and they stay in registers.
-                let a: [f32; ROWS] = std::array::from_fn(|i| rows[i][k]);
-                add_products(simd, a, b, &mut sums);
-            }
+            let rows: [&[f32]; ROWS] = std::array::from_fn(|i| a.row((first + i).min(a.count - 1)));
+            let sums = tile::of_rows::<S, VECTORS, ROWS>(simd, rows, panel);
             into.store(simd, first, ROWS.min(a.count - first), &sums);
         }
     }
@@ -310,7 +312,7 @@ impl WithSimd for TransposedProduct<'_> {
             1 => self.tiles::<S, 16, 2>(simd),
             4 => self.tiles::<S, 4, 6>(simd),
             8 => self.tiles::<S, 2, 6>(simd),
-            _ => self.tiles::<S, 2, 12>(simd),
+            _ => self.tiles::<S, 2, 8>(simd),
         }
     }
 }
@@ -320,25 +322,25 @@ impl TransposedProduct<'_> {
     fn tiles<S: Simd, const VECTORS: usize, const ROWS: usize>(self, simd: S) {
         let Self { a, b, c } = self;
         let columns = VECTORS * S::F32_LANES;
+        // What is left of B's columns after the last whole tile, and of A's: filled up with zeros.
+        let edge_b = edge(b, columns);
+        let edge_a = edge(a, ROWS);
         for first in (0..a.width).step_by(ROWS) {
             let count = ROWS.min(a.width - first);
+            let a = if count == ROWS { a.columns(first, ROWS) } else { Rows::new(&edge_a, a.count, ROWS) };
             for left in (0..b.width).step_by(columns) {
                 let live = columns.min(b.width - left);
-                let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
-                for (a, b) in a.iter().zip(b.iter()) {
-                    let (a, b) = (&a[first..], &b[left..]);
-                    let a: [f32; ROWS] = match a.first_chunk() {
-                        Some(a) => *a,
-                        None => std::array::from_fn(|i| a.get(i).copied().unwrap_or(0.0)),
-                    };
-                    let b: [S::f32s; VECTORS] = match S::as_simd_f32s(b).0.first_chunk() {
-                        Some(b) => *b,
-                        None => std::array::from_fn(|j| {
-                            simd.partial_load_f32s(b.get(j * S::F32_LANES..).unwrap_or(&[]))
-                        }),
-                    };
-                    add_products(simd, a, &b, &mut sums);
-                }
+                let part = if live == columns {
+                    b.columns(left, columns)
+                } else {
+                    Rows::new(&edge_b, b.count, columns)
+                };
+                let sums = tile::of_columns::<S, VECTORS, ROWS>(
+                    simd,
+                    (a.values, a.stride),
+                    (part.values, part.stride),
+                    a.count,
+                );
                 let mut into = Into { c: &mut c[left..], stride: b.width, columns: live, add: true };
                 into.store(simd, first, count, &sums);
             }
@@ -346,20 +348,18 @@ impl TransposedProduct<'_> {
     }
 }
 
-/// sums += a bᵀ.
+/// The columns that are left over after whole groups of `group`, filled up to one with zeros.
 #[inline(always)]
-fn add_products<S: Simd, const VECTORS: usize, const ROWS: usize>(
-    simd: S,
-    a: [f32; ROWS],
-    b: &[S::f32s; VECTORS],
-    sums: &mut [[S::f32s; VECTORS]; ROWS],
-) {
-    for (a, sums) in a.into_iter().zip(sums) {
-        let a = simd.splat_f32s(a);
-        for (b, sum) in b.iter().zip(sums) {
-            *sum = simd.mul_add_e_f32s(a, *b, *sum);
+fn edge(rows: Rows<'_>, group: usize) -> Vec<f32> {
+    let live = rows.width % group;
+    let mut out = Vec::new();
+    if live > 0 {
+        for row in rows.iter() {
+            out.extend_from_slice(&row[rows.width - live..]);
+            out.resize(out.len() + group - live, 0.0);
         }
     }
+    out
 }
 
 impl Into<'_> {

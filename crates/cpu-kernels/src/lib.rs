@@ -3,8 +3,16 @@
 pub use cpu_isa::Isa;
 pub use pulp;
 
+mod activation;
 mod gemm;
+mod norm;
+pub mod rows;
+mod tile;
+pub mod vector;
+
+pub use activation::Activation;
 pub use gemm::{Packed, Rows, multiply, multiply_transposed, panel_columns};
+pub use norm::LayerNorm;
 
 use pulp::{Scalar, Simd, WithSimd};
 

@@ -1,6 +1,5 @@
 //! Gradients, layer by layer from the last to the first.
 
-use super::gemm::Rows;
 use super::layer::{Anchors, Layer, Sent, Workspace};
 use super::network::{BLOCK, Network, embedded, keys_values_of};
 use super::pairs::TwoRows;
@@ -8,6 +7,7 @@ use super::sums::{Sums, span};
 use super::transpose::{AllSent, Lookers, gather};
 use super::{Gradients, Tape, range_rows};
 use crate::{Config, HEADS, Inputs, Layout, OUTPUTS, WIDTH};
+use cpu_kernels::Rows;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -89,7 +89,7 @@ impl Backward<'_> {
                 let blocks = grad.chunks_mut(BLOCK * WIDTH).zip(x.chunks(BLOCK * WIDTH));
                 for (block, (grad, x)) in blocks.enumerate() {
                     let gathered = &mut gathered[..x.len() / WIDTH];
-                    gather(sent, lookers, range * rows + block * BLOCK, gathered);
+                    gather(layer.isa, sent, lookers, range * rows + block * BLOCK, gathered);
                     layer.keys_values_backward(x, gathered, grad, &mut sums, &mut work);
                 }
             });
@@ -118,7 +118,7 @@ impl Backward<'_> {
                         Rows::new(grad_out, count, OUTPUTS),
                         &mut grad_normal,
                         &mut sums,
-                        (&mut work.hidden, &mut work.scratch),
+                        &mut work.hidden,
                     );
                     self.network.norm.backward(x, &grad_normal, grad, &mut sums);
                 }
@@ -141,13 +141,12 @@ impl Backward<'_> {
             summed(span(self.layout, name), weights, n, |partial| {
                 let ranges = grad_x.par_chunks_mut(rows * width).zip(partial);
                 ranges.enumerate().for_each(|(range, (grad_x, mut sums))| {
-                    let Workspace { mut hidden, mut scratch, .. } = Workspace::default();
+                    let Workspace { mut hidden, .. } = Workspace::default();
                     for (block, grad_x) in grad_x.chunks_mut(BLOCK * width).enumerate() {
                         let first = range * rows + block * BLOCK;
                         let here = first..first + grad_x.len() / width;
                         let grad_out = grad.slice(here.clone()).columns(column, WIDTH / 2);
-                        let memory = (&mut hidden, &mut scratch);
-                        perceptron.backward(x.slice(here), grad_out, grad_x, &mut sums, memory);
+                        perceptron.backward(x.slice(here), grad_out, grad_x, &mut sums, &mut hidden);
                     }
                 });
             });

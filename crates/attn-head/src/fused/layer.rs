@@ -1,17 +1,18 @@
 //! One block of the network: attention over neighbours, then a perceptron, each with a residual.
 
-use super::gemm::{Packed, Repacked, Rows, multiply, multiply_transposed};
-use super::linear::{Linear, add_rows};
-use super::math::Activation;
+use super::linear::Linear;
 use super::norm::Norm;
 use super::pairs::{self, ByHead, Row, TwoRows};
 use super::perceptron::{Hidden, Perceptron};
 use super::sums::{Place, Sums};
 use crate::{HEAD_WIDTH, HEADS, Inputs, Layout, WIDTH};
+use cpu_kernels::rows as each_row;
+use cpu_kernels::{Activation, Isa, Packed, Rows, multiply, multiply_transposed};
 
 /// Parameters of a layer, ready for products.
 #[derive(Debug)]
 pub(super) struct Layer<'a> {
+    pub(super) isa: Isa,
     norm1: Norm<'a>,
     query: Linear<'a>,
     key: Linear<'a>,
@@ -44,7 +45,6 @@ pub(super) struct Workspace {
     grad_up: Vec<f32>,
     grad_gathered: Vec<f32>,
     pub(super) hidden: Hidden,
-    pub(super) scratch: Repacked,
     pairs: pairs::Scratch,
 }
 
@@ -72,9 +72,9 @@ pub(super) struct Sent<'a> {
 const SCALE: f32 = 0.176_776_7;
 
 impl<'a> Layer<'a> {
-    pub(super) fn new(layout: &Layout, values: &'a [f32], name: &str) -> Self {
-        let linear = |part: &str| Linear::new(layout, values, &format!("{name}.{part}"));
-        let norm = |part: &str| Norm::new(layout, values, &format!("{name}.{part}"));
+    pub(super) fn new(isa: Isa, layout: &Layout, values: &'a [f32], name: &str) -> Self {
+        let linear = |part: &str| Linear::new(isa, layout, values, &format!("{name}.{part}"));
+        let norm = |part: &str| Norm::new(isa, layout, values, &format!("{name}.{part}"));
         let offset_at = Place::pair(layout, &format!("{name}.attn.delta.0"));
         let down_at = Place::pair(layout, &format!("{name}.attn.delta.2"));
         let (columns, bias) = (offset_at.0.of(values), offset_at.1.of(values));
@@ -84,19 +84,20 @@ impl<'a> Layer<'a> {
         let second = Rows::new(down_at.0.of(values), WIDTH, WIDTH);
         let of_head = |c: usize| second.slice(c * HEAD_WIDTH..(c + 1) * HEAD_WIDTH);
         Self {
+            isa,
             norm1: norm("norm1"),
             query: linear("attn.q"),
             key: linear("attn.k"),
             value: linear("attn.v"),
             offset,
             offset_at,
-            up: std::array::from_fn(|c| Packed::rows(of_head(c))),
-            down: std::array::from_fn(|c| Packed::transposed(of_head(c))),
+            up: std::array::from_fn(|c| Packed::rows(isa, of_head(c))),
+            down: std::array::from_fn(|c| Packed::transposed(isa, of_head(c))),
             down_bias: down_at.1.of(values),
             down_at,
             project: linear("attn.proj"),
             norm2: norm("norm2"),
-            perceptron: Perceptron::new(layout, values, &format!("{name}.ffn"), Activation::Gelu),
+            perceptron: Perceptron::new(isa, layout, values, &format!("{name}.ffn"), Activation::Gelu),
         }
     }
 
@@ -144,9 +145,7 @@ impl<'a> Layer<'a> {
             each_mut(&mut work.mixed),
             &mut work.pairs,
         );
-        for row in each_mut(&mut work.mixed) {
-            row.iter_mut().zip(self.down_bias).for_each(|(v, b)| *v += b);
-        }
+        each_row::add_to_each(self.isa, &mut work.mixed, self.down_bias);
         self.go_down(&work.gathered, &mut work.mixed);
         work.residual.clear();
         work.residual.extend_from_slice(x);
@@ -165,26 +164,26 @@ impl<'a> Layer<'a> {
     ) {
         self.attend(anchors, x, sent.alphas, work);
         let size = x.len();
-        let Workspace { normal, grad_normal, hidden, scratch, .. } = work;
+        let Workspace { normal, grad_normal, hidden, .. } = work;
         // Perceptron and its residual.
         resize(normal, size);
         self.norm2.apply(&work.residual, normal);
         zero(grad_normal, size);
-        self.perceptron.backward(rows(normal), rows(grad), grad_normal, sums, (hidden, scratch));
+        self.perceptron.backward(rows(normal), rows(grad), grad_normal, sums, hidden);
         self.norm2.backward(&work.residual, grad_normal, grad, sums);
         // Projection: from here on gradients of the weighted sums.
-        self.project.weight_gradient(rows(&work.mixed), rows(grad), sums, scratch);
+        self.project.weight_gradient(rows(&work.mixed), rows(grad), sums);
         let grad_mixed = &mut work.grad_mixed;
         zero(grad_mixed, size);
         self.project.input_gradient(rows(grad), grad_mixed);
-        add_rows(rows(grad_mixed), sums.at(self.down_at.1));
+        each_row::add_sum(self.isa, rows(grad_mixed), sums.at(self.down_at.1));
         resize(&mut work.grad_gathered, HEADS * size);
         self.go_up(grad_mixed, &mut work.grad_gathered);
         // Pairs.
         resize(&mut work.grad_query, size);
         resize(&mut work.grad_up, HEADS * size);
         let mut offset = [[0.0; WIDTH]; 4];
-        let mut gradient = pairs::Gradient {
+        let gradient = pairs::Gradient {
             alphas: sent.alphas,
             mixed: each(grad_mixed),
             gathered: by_head(&work.grad_gathered),
@@ -193,7 +192,7 @@ impl<'a> Layer<'a> {
             query: each_mut(&mut work.grad_query),
             offset: &mut offset,
         };
-        pairs::attend_backward(&self.block(anchors, &work.query, &work.up), &mut gradient, &mut work.pairs);
+        pairs::attend_backward(&self.block(anchors, &work.query, &work.up), gradient, &mut work.pairs);
         let [columns @ .., bias] = &offset;
         for (i, column) in columns.iter().enumerate() {
             let sum = sums.at(self.offset_at.0).iter_mut().skip(i).step_by(3);
@@ -205,8 +204,8 @@ impl<'a> Layer<'a> {
             let part = c * HEAD_WIDTH * WIDTH..(c + 1) * HEAD_WIDTH * WIDTH;
             let sum = &mut sums.at(self.down_at.0)[part];
             let of_head = |x| rows(x).columns(c * HEAD_WIDTH, HEAD_WIDTH);
-            multiply_transposed(of_head(&*grad_mixed), head(&work.gathered, c), sum, scratch);
-            multiply_transposed(of_head(&work.query), head(&work.grad_up, c), sum, scratch);
+            multiply_transposed(self.isa, of_head(&*grad_mixed), head(&work.gathered, c), sum);
+            multiply_transposed(self.isa, of_head(&work.query), head(&work.grad_up, c), sum);
         }
         for ((sent, query), grad_mixed) in sent.rows.iter_mut().zip(each(&work.query)).zip(each(grad_mixed)) {
             sent[..WIDTH].copy_from_slice(query);
@@ -216,7 +215,7 @@ impl<'a> Layer<'a> {
         self.go_down(&work.grad_up, &mut work.grad_query);
         work.grad_query.iter_mut().for_each(|q| *q *= SCALE);
         self.norm1.apply(x, normal);
-        self.query.weight_gradient(rows(normal), rows(&work.grad_query), sums, scratch);
+        self.query.weight_gradient(rows(normal), rows(&work.grad_query), sums);
         zero(grad_normal, size);
         self.query.input_gradient(rows(&work.grad_query), grad_normal);
         self.norm1.backward(x, grad_normal, grad, sums);
@@ -231,14 +230,14 @@ impl<'a> Layer<'a> {
         sums: &mut Sums<'_>,
         work: &mut Workspace,
     ) {
-        let Workspace { normal, grad_normal, scratch, .. } = work;
+        let Workspace { normal, grad_normal, .. } = work;
         resize(normal, x.len());
         self.norm1.apply(x, normal);
         zero(grad_normal, x.len());
         let both = Rows::new(grad_keys_values.as_flattened(), grad_keys_values.len(), 2 * WIDTH);
         for (part, linear) in [&self.key, &self.value].into_iter().enumerate() {
             let grad_out = both.columns(part * WIDTH, WIDTH);
-            linear.weight_gradient(rows(normal), grad_out, sums, scratch);
+            linear.weight_gradient(rows(normal), grad_out, sums);
             linear.input_gradient(grad_out, grad_normal);
         }
         self.norm1.backward(x, grad_normal, grad, sums);
@@ -246,22 +245,29 @@ impl<'a> Layer<'a> {
 
     fn block<'b>(&'b self, anchors: Anchors<'b>, query: &'b [f32], up: &'b [f32]) -> pairs::Block<'b> {
         let Anchors { first, inputs, keys_values } = anchors;
-        pairs::Block { first, inputs, offset: &self.offset, keys_values, query: each(query), up: by_head(up) }
+        pairs::Block {
+            isa: self.isa,
+            first,
+            inputs,
+            offset: &self.offset,
+            keys_values,
+            query: each(query),
+            up: by_head(up),
+        }
     }
 
     /// Rows to rows of h_ij by head.
     fn go_up(&self, x: &[f32], out: &mut [f32]) {
-        out.fill(0.0);
         for (c, up) in self.up.iter().enumerate() {
             let part = rows(x).columns(c * HEAD_WIDTH, HEAD_WIDTH);
-            multiply(part, up, &mut out[c * WIDTH..], HEADS * WIDTH);
+            multiply(part, up, &mut out[c * WIDTH..], HEADS * WIDTH, false);
         }
     }
 
     /// Adds rows of h_ij by head, taken back, to rows.
     fn go_down(&self, x: &[f32], out: &mut [f32]) {
         for (c, down) in self.down.iter().enumerate() {
-            multiply(head(x, c), down, &mut out[c * HEAD_WIDTH..], WIDTH);
+            multiply(head(x, c), down, &mut out[c * HEAD_WIDTH..], WIDTH, true);
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Linear layers on rows.
 
-use super::gemm::{Packed, Repacked, Rows, multiply, multiply_transposed};
 use super::sums::{Place, Sums};
 use crate::Layout;
+use cpu_kernels::{Isa, Packed, Rows, multiply, multiply_transposed, rows};
 use std::sync::OnceLock;
 
 /// y = W x + b.
@@ -21,11 +21,11 @@ pub(super) struct Linear<'a> {
 }
 
 impl<'a> Linear<'a> {
-    pub(super) fn new(layout: &Layout, values: &'a [f32], name: &str) -> Self {
+    pub(super) fn new(isa: Isa, layout: &Layout, values: &'a [f32], name: &str) -> Self {
         let (weight_at, bias_at) = Place::pair(layout, name);
         let (weight, bias) = (weight_at.of(values), bias_at.of(values));
         let (outputs, inputs) = (bias.len(), weight.len() / bias.len());
-        let forward = Packed::transposed(Rows::new(weight, outputs, inputs));
+        let forward = Packed::transposed(isa, Rows::new(weight, outputs, inputs));
         let backward = OnceLock::new();
         Self { inputs, outputs, weight, bias, weight_at, bias_at, forward, backward }
     }
@@ -35,40 +35,26 @@ impl<'a> Linear<'a> {
         for row in out.chunks_mut(stride) {
             row[..self.outputs].copy_from_slice(self.bias);
         }
-        multiply(x, &self.forward, out, stride);
+        multiply(x, &self.forward, out, stride, true);
     }
 
     /// Adds the layer's output to rows of `outputs`.
     pub(super) fn add(&self, x: Rows<'_>, out: &mut [f32]) {
-        for row in out.chunks_exact_mut(self.outputs) {
-            row.iter_mut().zip(self.bias).for_each(|(v, b)| *v += b);
-        }
-        multiply(x, &self.forward, out, self.outputs);
+        rows::add_to_each(self.forward.isa(), out, self.bias);
+        multiply(x, &self.forward, out, self.outputs, true);
     }
 
     /// Adds Wᵀ times the gradient of the output to the input's.
     pub(super) fn input_gradient(&self, grad_out: Rows<'_>, grad_x: &mut [f32]) {
-        let backward =
-            self.backward.get_or_init(|| Packed::rows(Rows::new(self.weight, self.outputs, self.inputs)));
-        multiply(grad_out, backward, grad_x, self.inputs);
+        let weight = Rows::new(self.weight, self.outputs, self.inputs);
+        let backward = self.backward.get_or_init(|| Packed::rows(self.forward.isa(), weight));
+        multiply(grad_out, backward, grad_x, self.inputs, true);
     }
 
     /// Adds to the parameters' gradients.
-    pub(super) fn weight_gradient(
-        &self,
-        x: Rows<'_>,
-        grad_out: Rows<'_>,
-        sums: &mut Sums<'_>,
-        scratch: &mut Repacked,
-    ) {
-        multiply_transposed(grad_out, x, sums.at(self.weight_at), scratch);
-        add_rows(grad_out, sums.at(self.bias_at));
-    }
-}
-
-/// Adds the sum of rows to `sum`.
-pub(super) fn add_rows(rows: Rows<'_>, sum: &mut [f32]) {
-    for row in rows.iter() {
-        sum.iter_mut().zip(row).for_each(|(sum, v)| *sum += v);
+    pub(super) fn weight_gradient(&self, x: Rows<'_>, grad_out: Rows<'_>, sums: &mut Sums<'_>) {
+        let isa = self.forward.isa();
+        multiply_transposed(isa, grad_out, x, sums.at(self.weight_at));
+        rows::add_sum(isa, grad_out, sums.at(self.bias_at));
     }
 }

@@ -31,10 +31,8 @@
 //! 32 ranges the gradients of one layer's weights, 27 MB in all.
 
 mod backward;
-mod gemm;
 mod layer;
 mod linear;
-mod math;
 mod network;
 mod norm;
 #[cfg(feature = "candle")]

@@ -1,13 +1,12 @@
 //! All parameters, ready for products, and the way from inputs to outputs.
 
-use super::gemm::Rows;
 use super::layer::{Anchors, Layer, Workspace};
-use super::math::Activation;
 use super::norm::Norm;
 use super::pairs::TwoRows;
 use super::perceptron::Perceptron;
 use super::range_rows;
 use crate::{Config, HEADS, Inputs, Kind, LAYERS, Layout, OUTPUTS, WIDTH};
+use cpu_kernels::{Activation, Isa, Rows};
 use rayon::prelude::*;
 
 /// Anchors that are worked on together: what they need stays in the second-level cache, and every weight that is
@@ -26,14 +25,15 @@ pub(super) struct Network<'a> {
 
 impl<'a> Network<'a> {
     pub(super) fn new(config: &Config, layout: &Layout, values: &'a [f32]) -> Self {
+        let isa = Isa::in_use();
         assert_eq!(config.kind, Kind::Attention, "the kind of head that the fused form computes");
         assert_eq!(values.len(), layout.len, "numbers in the weights");
         Self {
-            geometry: Perceptron::new(layout, values, "phi_g", Activation::Relu),
-            image: Perceptron::new(layout, values, "phi_v", Activation::Relu),
-            layers: std::array::from_fn(|l| Layer::new(layout, values, &format!("blocks.{l}"))),
-            norm: Norm::new(layout, values, "norm"),
-            out: Perceptron::new(layout, values, "out", Activation::Gelu),
+            geometry: Perceptron::new(isa, layout, values, "phi_g", Activation::Relu),
+            image: Perceptron::new(isa, layout, values, "phi_v", Activation::Relu),
+            layers: std::array::from_fn(|l| Layer::new(isa, layout, values, &format!("blocks.{l}"))),
+            norm: Norm::new(isa, layout, values, "norm"),
+            out: Perceptron::new(isa, layout, values, "out", Activation::Gelu),
         }
     }
 

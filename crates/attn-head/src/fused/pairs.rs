@@ -1,9 +1,10 @@
 //! What attention does with each pair of an anchor and a neighbour. Nothing of the size of all pairs times the width
 //! is ever stored: rows of an anchor's pairs live in the first-level cache.
 
-use super::math::{exp, mul_add, relu};
 use crate::{HEAD_WIDTH, HEADS, Inputs, WIDTH};
-use multiversion::{multiversion, target::target_cfg_f};
+use cpu_kernels::pulp::{Simd, WithSimd};
+use cpu_kernels::vector::{exp, map, relu};
+use cpu_kernels::{Isa, dispatch};
 
 /// A row of features.
 pub(super) type Row = [f32; WIDTH];
@@ -12,12 +13,10 @@ pub(super) type ByHead = [Row; HEADS];
 /// Two rows of an anchor side by side: key and value, or what their gradients are made from.
 pub(super) type TwoRows = [f32; 2 * WIDTH];
 
-/// Terms at a time: a 256-bit register.
-const LANES: usize = 8;
-
 /// The anchors that one loop goes over, and all that they may look at.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block<'a> {
+    pub(super) isa: Isa,
     /// The block's first anchor.
     pub(super) first: usize,
     pub(super) inputs: &'a Inputs<'a>,
@@ -42,7 +41,7 @@ pub(super) struct Scratch {
 impl Scratch {
     /// Looks up an anchor's neighbours and computes h_ij = ReLU(W₁ (p_j - p_i) + b₁).
     #[inline(always)]
-    fn fill<const FMA: bool>(&mut self, block: &Block<'_>, anchor: usize) {
+    fn fill<S: Simd>(&mut self, simd: S, block: &Block<'_>, anchor: usize) {
         let Inputs { k, neighbours, relative, .. } = *block.inputs;
         self.index.clear();
         self.index.push(anchor);
@@ -51,149 +50,174 @@ impl Scratch {
         self.relative.push([0.0; 3]);
         self.relative.extend_from_slice(&relative[anchor * k..][..k]);
         self.hidden.resize(k + 1, [0.0; WIDTH]);
-        let [x, y, z, bias] = block.offset;
-        for (hidden, r) in self.hidden.iter_mut().zip(&self.relative) {
-            for d in 0..WIDTH {
-                let sum = mul_add::<FMA>(x[d], r[0], bias[d]);
-                hidden[d] = relu(mul_add::<FMA>(z[d], r[2], mul_add::<FMA>(y[d], r[1], sum)));
+        for at in 0..WIDTH / S::F32_LANES {
+            let [x, y, z, bias] = block.offset.each_ref().map(|row| vectors::<S>(row)[at]);
+            for (hidden, &[rx, ry, rz]) in self.hidden.iter_mut().zip(&self.relative) {
+                let sum = simd.mul_add_e_f32s(x, simd.splat_f32s(rx), bias);
+                let sum = simd.mul_add_e_f32s(y, simd.splat_f32s(ry), sum);
+                let sum = simd.mul_add_e_f32s(z, simd.splat_f32s(rz), sum);
+                vectors_mut::<S>(hidden)[at] = relu(simd, sum);
             }
         }
     }
 
     /// For each pair and head, the products with what is given by head along h_ij plus that with a row along `of(j)`.
     #[inline(always)]
-    fn dots<'r, const FMA: bool>(
+    fn dots<'r, S: Simd>(
         &self,
+        simd: S,
         along_hidden: &ByHead,
         along_row: &Row,
         of: impl Fn(usize) -> &'r Row,
         out: &mut [[f32; HEADS]],
     ) {
-        for ((hidden, &j), out) in self.hidden.iter().zip(&self.index).zip(out) {
-            // Four chains of sums in registers: arrays of arrays would not be kept there.
-            let [mut a, mut b, mut c, mut d] = [[0.0; LANES]; HEADS];
-            let rows = lanes(hidden).iter().zip(lanes(&along_hidden[0])).zip(lanes(&along_hidden[1]));
-            let rows = rows.zip(lanes(&along_hidden[2])).zip(lanes(&along_hidden[3]));
-            for ((((h, along_a), along_b), along_c), along_d) in rows {
-                a = add_product::<FMA>(h, along_a, a);
-                b = add_product::<FMA>(h, along_b, b);
-                c = add_product::<FMA>(h, along_c, c);
-                d = add_product::<FMA>(h, along_d, d);
-            }
-            let parts = of(j).as_chunks::<HEAD_WIDTH>().0.iter().zip(along_row.as_chunks::<HEAD_WIDTH>().0);
-            for ((part, along), sum) in parts.zip([&mut a, &mut b, &mut c, &mut d]) {
-                for (part, along) in part.as_chunks().0.iter().zip(along.as_chunks().0) {
-                    *sum = add_product::<FMA>(part, along, *sum);
+        // Two pairs at a time share what is loaded of `along_hidden`; of an odd number the last pair is done twice.
+        let pairs = self.hidden.len();
+        let along_hidden = along_hidden.each_ref().map(|row| vectors::<S>(row));
+        let along_row = vectors::<S>(along_row);
+        let per_head = HEAD_WIDTH / S::F32_LANES;
+        for first in (0..pairs).step_by(2) {
+            let both = [first, (first + 1).min(pairs - 1)];
+            let hidden = both.map(|pair| vectors::<S>(&self.hidden[pair]));
+            let rows = both.map(|pair| vectors::<S>(of(self.index[pair])));
+            let mut sums = [[simd.splat_f32s(0.0); HEADS]; 2];
+            for at in 0..WIDTH / S::F32_LANES {
+                let h = hidden.map(|hidden| hidden[at]);
+                for c in 0..HEADS {
+                    let along = along_hidden[c][at];
+                    sums[0][c] = simd.mul_add_e_f32s(h[0], along, sums[0][c]);
+                    sums[1][c] = simd.mul_add_e_f32s(h[1], along, sums[1][c]);
                 }
             }
-            *out = [a, b, c, d].map(total);
+            for c in 0..HEADS {
+                for at in c * per_head..(c + 1) * per_head {
+                    let along = along_row[at];
+                    sums[0][c] = simd.mul_add_e_f32s(rows[0][at], along, sums[0][c]);
+                    sums[1][c] = simd.mul_add_e_f32s(rows[1][at], along, sums[1][c]);
+                }
+            }
+            for (pair, sums) in both.into_iter().zip(sums) {
+                out[pair] = sums.map(|sum| simd.reduce_sum_f32s(sum));
+            }
         }
     }
 
     /// For each head, the sum of h_ij over pairs with `weights`, and likewise that of its part of the rows `of(j)`.
     #[inline(always)]
-    fn weighted<'r, const FMA: bool>(
+    fn weighted<'r, S: Simd>(
         &self,
+        simd: S,
         weights: &[[f32; HEADS]],
         of: impl Fn(usize) -> &'r Row,
         hidden_sum: &mut ByHead,
         row_sum: &mut Row,
     ) {
-        for at in (0..WIDTH).step_by(LANES) {
-            let mut sums = [[0.0_f32; LANES]; HEADS];
+        let zero = simd.splat_f32s(0.0);
+        let count = WIDTH / S::F32_LANES;
+        // Two vectors of h_ij at a time share the weights.
+        for at in (0..count).step_by(2) {
+            let mut sums = [[zero; 2]; HEADS];
             for (hidden, weights) in self.hidden.iter().zip(weights) {
+                let h = [vectors::<S>(hidden)[at], vectors::<S>(hidden)[at + 1]];
                 for c in 0..HEADS {
-                    for l in 0..LANES {
-                        sums[c][l] = mul_add::<FMA>(weights[c], hidden[at + l], sums[c][l]);
-                    }
+                    let weight = simd.splat_f32s(weights[c]);
+                    sums[c][0] = simd.mul_add_e_f32s(weight, h[0], sums[c][0]);
+                    sums[c][1] = simd.mul_add_e_f32s(weight, h[1], sums[c][1]);
                 }
             }
             for (out, sums) in hidden_sum.iter_mut().zip(sums) {
-                out[at..at + LANES].copy_from_slice(&sums);
+                vectors_mut::<S>(out)[at..at + 2].copy_from_slice(&sums);
             }
         }
-        for c in 0..HEADS {
-            let part = c * HEAD_WIDTH..(c + 1) * HEAD_WIDTH;
-            let mut sums = [0.0_f32; HEAD_WIDTH];
+        // Eight vectors of the rows: as many sums as hide the latency of an addition.
+        let per_head = HEAD_WIDTH / S::F32_LANES;
+        for at in (0..count).step_by(SUMS) {
+            let mut sums = [zero; SUMS];
             for (&j, weights) in self.index.iter().zip(weights) {
-                let row = &of(j)[part.clone()];
-                for l in 0..HEAD_WIDTH {
-                    sums[l] = mul_add::<FMA>(weights[c], row[l], sums[l]);
+                let row = &vectors::<S>(of(j))[at..at + SUMS];
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    let weight = simd.splat_f32s(weights[(at + i) / per_head]);
+                    *sum = simd.mul_add_e_f32s(weight, row[i], *sum);
                 }
             }
-            row_sum[part].copy_from_slice(&sums);
+            vectors_mut::<S>(row_sum)[at..at + SUMS].copy_from_slice(&sums);
         }
     }
 
     /// Adds to the gradients of [`Block::offset`] what comes through h_ij.
     #[inline(always)]
-    fn offset_gradient<const FMA: bool>(
+    fn offset_gradient<S: Simd>(
         &self,
+        simd: S,
         (up, grad_logits): (&ByHead, &[[f32; HEADS]]),
         (grad_hidden, alphas): (&ByHead, &[[f32; HEADS]]),
         out: &mut ByHead,
     ) {
-        for at in (0..WIDTH).step_by(LANES) {
-            let mut sums: [[f32; LANES]; 4] =
-                std::array::from_fn(|i| std::array::from_fn(|l| out[i][at + l]));
+        let zero = simd.splat_f32s(0.0);
+        for at in 0..WIDTH / S::F32_LANES {
+            let up = up.each_ref().map(|row| vectors::<S>(row)[at]);
+            let grad_hidden = grad_hidden.each_ref().map(|row| vectors::<S>(row)[at]);
+            let mut sums = out.each_ref().map(|row| vectors::<S>(row)[at]);
             let weights = grad_logits.iter().zip(alphas);
             for ((hidden, relative), (grad_logit, alpha)) in
                 self.hidden.iter().zip(&self.relative).zip(weights)
             {
-                let mut grad = [0.0_f32; LANES];
+                let mut grad = zero;
                 for c in 0..HEADS {
-                    for l in 0..LANES {
-                        grad[l] = mul_add::<FMA>(grad_logit[c], up[c][at + l], grad[l]);
-                        grad[l] = mul_add::<FMA>(alpha[c], grad_hidden[c][at + l], grad[l]);
-                    }
+                    grad = simd.mul_add_e_f32s(simd.splat_f32s(grad_logit[c]), up[c], grad);
+                    grad = simd.mul_add_e_f32s(simd.splat_f32s(alpha[c]), grad_hidden[c], grad);
                 }
-                for l in 0..LANES {
-                    grad[l] = if hidden[at + l] > 0.0 { grad[l] } else { 0.0 };
-                    for i in 0..3 {
-                        sums[i][l] = mul_add::<FMA>(relative[i], grad[l], sums[i][l]);
-                    }
-                    sums[3][l] += grad[l];
+                let live = simd.greater_than_f32s(vectors::<S>(hidden)[at], zero);
+                let grad = simd.select_f32s(live, grad, zero);
+                for i in 0..3 {
+                    sums[i] = simd.mul_add_e_f32s(simd.splat_f32s(relative[i]), grad, sums[i]);
                 }
+                sums[3] = simd.add_f32s(sums[3], grad);
             }
-            for (out, sums) in out.iter_mut().zip(sums) {
-                out[at..at + LANES].copy_from_slice(&sums);
+            for (out, sum) in out.iter_mut().zip(sums) {
+                vectors_mut::<S>(out)[at] = sum;
             }
         }
     }
 }
 
-/// For each anchor of a block its weights `[k + 1]`, the weighted sum of h_ij by head and of the values.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
-pub(super) fn attend(
-    block: &Block,
-    alphas: &mut [[f32; HEADS]],
-    gathered: &mut [ByHead],
-    mixed: &mut [Row],
-    scratch: &mut Scratch,
-) {
-    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
-        attend_with::<true>(block, alphas, gathered, mixed, scratch);
-    } else {
-        attend_with::<false>(block, alphas, gathered, mixed, scratch);
-    }
-}
+/// Sums of rows in registers at a time.
+pub(super) const SUMS: usize = 8;
 
-#[inline(always)]
-fn attend_with<const FMA: bool>(
+/// For each anchor of a block its weights `[k + 1]`, the weighted sum of h_ij by head and of the values.
+pub(super) fn attend(
     block: &Block<'_>,
     alphas: &mut [[f32; HEADS]],
     gathered: &mut [ByHead],
     mixed: &mut [Row],
     scratch: &mut Scratch,
 ) {
-    let pairs = block.inputs.k + 1;
-    for (i, alphas) in alphas.chunks_exact_mut(pairs).enumerate() {
-        scratch.fill::<FMA>(block, block.first + i);
-        let from_query = block.query[i].map(|q| -q);
-        scratch.dots::<FMA>(&block.up[i], &from_query, |j| key(&block.keys_values[j]), alphas);
-        softmax::<FMA>(alphas);
-        let value = |j: usize| value(&block.keys_values[j]);
-        scratch.weighted::<FMA>(alphas, value, &mut gathered[i], &mut mixed[i]);
+    dispatch(block.isa, Attend { block, alphas, gathered, mixed, scratch });
+}
+
+struct Attend<'a> {
+    block: &'a Block<'a>,
+    alphas: &'a mut [[f32; HEADS]],
+    gathered: &'a mut [ByHead],
+    mixed: &'a mut [Row],
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for Attend<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { block, alphas, gathered, mixed, scratch } = self;
+        let pairs = block.inputs.k + 1;
+        for (i, alphas) in alphas.chunks_exact_mut(pairs).enumerate() {
+            scratch.fill(simd, block, block.first + i);
+            let from_query = block.query[i].map(|q| -q);
+            scratch.dots(simd, &block.up[i], &from_query, |j| key(&block.keys_values[j]), alphas);
+            softmax(simd, alphas);
+            let value = |j: usize| value(&block.keys_values[j]);
+            scratch.weighted(simd, alphas, value, &mut gathered[i], &mut mixed[i]);
+        }
     }
 }
 
@@ -216,44 +240,46 @@ pub(super) struct Gradient<'a> {
 }
 
 /// Gradients of everything but keys and values.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
-pub(super) fn attend_backward(block: &Block, gradient: &mut Gradient, scratch: &mut Scratch) {
-    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
-        attend_backward_with::<true>(block, gradient, scratch);
-    } else {
-        attend_backward_with::<false>(block, gradient, scratch);
-    }
+pub(super) fn attend_backward(block: &Block<'_>, gradient: Gradient<'_>, scratch: &mut Scratch) {
+    dispatch(block.isa, AttendBackward { block, gradient, scratch });
 }
 
-#[inline(always)]
-fn attend_backward_with<const FMA: bool>(
-    block: &Block<'_>,
-    gradient: &mut Gradient<'_>,
-    scratch: &mut Scratch,
-) {
-    let pairs = block.inputs.k + 1;
-    for (i, logits) in gradient.logits.chunks_exact_mut(pairs).enumerate() {
-        let alphas = &gradient.alphas[i * pairs..][..pairs];
-        scratch.fill::<FMA>(block, block.first + i);
-        // Gradient of the weights, then of the logits before softmax.
-        let value = |j: usize| value(&block.keys_values[j]);
-        scratch.dots::<FMA>(&gradient.gathered[i], &gradient.mixed[i], value, logits);
-        let mut mean = [0.0_f32; HEADS];
-        for (alpha, grad) in alphas.iter().zip(logits.iter()) {
-            for c in 0..HEADS {
-                mean[c] = mul_add::<FMA>(alpha[c], grad[c], mean[c]);
+struct AttendBackward<'a> {
+    block: &'a Block<'a>,
+    gradient: Gradient<'a>,
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for AttendBackward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { block, gradient, scratch } = self;
+        let pairs = block.inputs.k + 1;
+        for (i, logits) in gradient.logits.chunks_exact_mut(pairs).enumerate() {
+            let alphas = &gradient.alphas[i * pairs..][..pairs];
+            scratch.fill(simd, block, block.first + i);
+            // Gradient of the weights, then of the logits before softmax.
+            let value = |j: usize| value(&block.keys_values[j]);
+            scratch.dots(simd, &gradient.gathered[i], &gradient.mixed[i], value, logits);
+            let mut mean = [0.0_f32; HEADS];
+            for (alpha, grad) in alphas.iter().zip(logits.iter()) {
+                for c in 0..HEADS {
+                    mean[c] += alpha[c] * grad[c];
+                }
             }
-        }
-        for (alpha, grad) in alphas.iter().zip(logits.iter_mut()) {
-            for c in 0..HEADS {
-                grad[c] = alpha[c] * (grad[c] - mean[c]);
+            for (alpha, grad) in alphas.iter().zip(logits.iter_mut()) {
+                for c in 0..HEADS {
+                    grad[c] = alpha[c] * (grad[c] - mean[c]);
+                }
             }
+            let key = |j: usize| key(&block.keys_values[j]);
+            scratch.weighted(simd, logits, key, &mut gradient.up[i], &mut gradient.query[i]);
+            gradient.query[i] = gradient.query[i].map(|v| -v);
+            let by_hidden = (&block.up[i], &*logits);
+            scratch.offset_gradient(simd, by_hidden, (&gradient.gathered[i], alphas), gradient.offset);
         }
-        let key = |j: usize| key(&block.keys_values[j]);
-        scratch.weighted::<FMA>(logits, key, &mut gradient.up[i], &mut gradient.query[i]);
-        gradient.query[i] = gradient.query[i].map(|v| -v);
-        let by_hidden = (&block.up[i], &*logits);
-        scratch.offset_gradient::<FMA>(by_hidden, (&gradient.gathered[i], alphas), gradient.offset);
     }
 }
 
@@ -269,7 +295,7 @@ fn value(rows: &TwoRows) -> &Row {
 
 /// Weights of an anchor's pairs from their logits, by head.
 #[inline(always)]
-fn softmax<const FMA: bool>(logits: &mut [[f32; HEADS]]) {
+fn softmax<S: Simd>(simd: S, logits: &mut [[f32; HEADS]]) {
     let mut most = [f32::NEG_INFINITY; HEADS];
     for logit in logits.iter() {
         for c in 0..HEADS {
@@ -281,7 +307,7 @@ fn softmax<const FMA: bool>(logits: &mut [[f32; HEADS]]) {
             logit[c] -= most[c];
         }
     }
-    logits.as_flattened_mut().iter_mut().for_each(|v| *v = exp::<FMA>(*v));
+    map(simd, logits.as_flattened_mut(), |v| exp(simd, v));
     let mut sum = [0.0_f32; HEADS];
     for logit in logits.iter() {
         for c in 0..HEADS {
@@ -295,20 +321,13 @@ fn softmax<const FMA: bool>(logits: &mut [[f32; HEADS]]) {
     }
 }
 
-/// A row in registers' widths.
+/// A row in vectors, which divide it without rest.
 #[inline(always)]
-fn lanes(row: &Row) -> &[[f32; LANES]] {
-    row.as_chunks().0
-}
-
-/// sum + a b, lane by lane.
-#[inline(always)]
-fn add_product<const FMA: bool>(a: &[f32; LANES], b: &[f32; LANES], sum: [f32; LANES]) -> [f32; LANES] {
-    std::array::from_fn(|l| mul_add::<FMA>(a[l], b[l], sum[l]))
+fn vectors<S: Simd>(row: &Row) -> &[S::f32s] {
+    S::as_simd_f32s(row).0
 }
 
 #[inline(always)]
-fn total(lanes: [f32; LANES]) -> f32 {
-    let four: [f32; 4] = std::array::from_fn(|l| lanes[l] + lanes[l + 4]);
-    (four[0] + four[2]) + (four[1] + four[3])
+fn vectors_mut<S: Simd>(row: &mut Row) -> &mut [S::f32s] {
+    S::as_mut_simd_f32s(row).0
 }

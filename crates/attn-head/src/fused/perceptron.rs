@@ -1,14 +1,14 @@
 //! Two linear layers with an activation between them.
 
-use super::gemm::{Repacked, Rows};
 use super::linear::Linear;
-use super::math::Activation;
 use super::sums::Sums;
 use crate::Layout;
+use cpu_kernels::{Activation, Isa, Rows};
 
 /// y = W₂ a(W₁ x + b₁) + b₂.
 #[derive(Debug)]
 pub(super) struct Perceptron<'a> {
+    isa: Isa,
     first: Linear<'a>,
     second: Linear<'a>,
     activation: Activation,
@@ -22,10 +22,16 @@ pub(super) struct Hidden {
 }
 
 impl<'a> Perceptron<'a> {
-    pub(super) fn new(layout: &Layout, values: &'a [f32], name: &str, activation: Activation) -> Self {
-        let first = Linear::new(layout, values, &format!("{name}.0"));
-        let second = Linear::new(layout, values, &format!("{name}.2"));
-        Self { first, second, activation }
+    pub(super) fn new(
+        isa: Isa,
+        layout: &Layout,
+        values: &'a [f32],
+        name: &str,
+        activation: Activation,
+    ) -> Self {
+        let first = Linear::new(isa, layout, values, &format!("{name}.0"));
+        let second = Linear::new(isa, layout, values, &format!("{name}.2"));
+        Self { isa, first, second, activation }
     }
 
     /// Rows to the first columns of rows `stride` apart.
@@ -47,25 +53,24 @@ impl<'a> Perceptron<'a> {
         grad_out: Rows<'_>,
         grad_x: &mut [f32],
         sums: &mut Sums<'_>,
-        (hidden, scratch): (&mut Hidden, &mut Repacked),
+        Hidden { values, grad }: &mut Hidden,
     ) {
-        let Hidden { values, grad } = hidden;
         values.resize(x.count() * self.first.outputs, 0.0);
         self.first.apply(x, values, self.first.outputs);
         grad.clear();
         grad.resize(values.len(), 0.0);
         self.second.input_gradient(grad_out, grad);
-        self.activation.apply_with_gradient(values, grad);
-        self.second.weight_gradient(self.rows(values, x), grad_out, sums, scratch);
+        self.activation.apply_with_gradient(self.isa, values, grad);
+        self.second.weight_gradient(self.rows(values, x), grad_out, sums);
         let grad = self.rows(grad, x);
-        self.first.weight_gradient(x, grad, sums, scratch);
+        self.first.weight_gradient(x, grad, sums);
         self.first.input_gradient(grad, grad_x);
     }
 
     fn activate(&self, x: Rows<'_>, hidden: &mut Hidden) {
         hidden.values.resize(x.count() * self.first.outputs, 0.0);
         self.first.apply(x, &mut hidden.values, self.first.outputs);
-        self.activation.apply(&mut hidden.values);
+        self.activation.apply(self.isa, &mut hidden.values);
     }
 
     fn rows<'v>(&self, values: &'v [f32], x: Rows<'_>) -> Rows<'v> {

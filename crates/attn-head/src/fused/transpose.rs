@@ -1,8 +1,9 @@
 //! Who looks at whom, the other way round.
 
-use super::pairs::TwoRows;
-use crate::{HEAD_WIDTH, HEADS, Inputs, WIDTH};
-use multiversion::{multiversion, target::target_cfg_f};
+use super::pairs::{SUMS, TwoRows};
+use crate::{HEAD_WIDTH, HEADS, Inputs};
+use cpu_kernels::pulp::{Simd, WithSimd};
+use cpu_kernels::{Isa, dispatch};
 
 /// For every anchor those that have it as a neighbour, in ascending order.
 #[derive(Debug)]
@@ -50,29 +51,45 @@ pub(super) struct AllSent<'a> {
 }
 
 /// Gradients of the keys and values of the anchors from `first` on.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
-pub(super) fn gather(sent: AllSent, lookers: &Lookers, first: usize, out: &mut [TwoRows]) {
-    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
-        gather_with::<true>(sent, lookers, first, out);
-    } else {
-        gather_with::<false>(sent, lookers, first, out);
-    }
+pub(super) fn gather(isa: Isa, sent: AllSent<'_>, lookers: &Lookers, first: usize, out: &mut [TwoRows]) {
+    dispatch(isa, Gather { sent, lookers, first, out });
 }
 
-#[inline(always)]
-fn gather_with<const FMA: bool>(sent: AllSent<'_>, lookers: &Lookers, first: usize, out: &mut [TwoRows]) {
-    use super::math::mul_add;
-    for (j, out) in out.iter_mut().enumerate() {
-        let mut sums = [0.0_f32; 2 * WIDTH];
-        for (i, pair) in lookers.of(first + j) {
-            let (row, alpha, logit) = (&sent.rows[i], sent.alphas[pair], sent.logits[pair]);
-            // A logit has the key with the sign minus.
-            for (part, weight) in logit.map(|v| -v).into_iter().chain(alpha).enumerate() {
-                for d in part * HEAD_WIDTH..(part + 1) * HEAD_WIDTH {
-                    sums[d] = mul_add::<FMA>(weight, row[d], sums[d]);
+struct Gather<'a> {
+    sent: AllSent<'a>,
+    lookers: &'a Lookers,
+    first: usize,
+    out: &'a mut [TwoRows],
+}
+
+impl WithSimd for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { sent, lookers, first, out } = self;
+        let per_part = HEAD_WIDTH / S::F32_LANES;
+        let mut parts: Vec<(&TwoRows, [f32; 2 * HEADS])> = Vec::new();
+        for (j, out) in out.iter_mut().enumerate() {
+            parts.clear();
+            parts.extend(lookers.of(first + j).map(|(i, pair)| {
+                // A logit has the key with the sign minus.
+                let (alpha, logit) = (sent.alphas[pair], sent.logits[pair]);
+                let weight = |c: usize| if c < HEADS { -logit[c] } else { alpha[c - HEADS] };
+                (&sent.rows[i], std::array::from_fn(weight))
+            }));
+            let out = S::as_mut_simd_f32s(out).0.as_chunks_mut::<SUMS>().0;
+            for (chunk, out) in out.iter_mut().enumerate() {
+                let mut sums = [simd.splat_f32s(0.0); SUMS];
+                for (row, weights) in &parts {
+                    let row = &S::as_simd_f32s(*row).0.as_chunks::<SUMS>().0[chunk];
+                    for (i, sum) in sums.iter_mut().enumerate() {
+                        let weight = simd.splat_f32s(weights[(chunk * SUMS + i) / per_part]);
+                        *sum = simd.mul_add_e_f32s(weight, row[i], *sum);
+                    }
                 }
+                *out = sums;
             }
         }
-        *out = sums;
     }
 }

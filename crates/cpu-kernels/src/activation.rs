@@ -1,0 +1,95 @@
+//! What follows the sums of a layer.
+
+use crate::{dispatch, vector};
+use cpu_isa::Isa;
+use pulp::{Simd, WithSimd};
+
+/// A function of each value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Activation {
+    /// None.
+    Identity,
+    /// max(x, 0).
+    Relu,
+    /// x Φ(x) with the exact normal distribution.
+    Gelu,
+    /// x / (1 + e^-x).
+    Silu,
+}
+
+impl Activation {
+    /// Applies it to every value.
+    pub fn apply(self, isa: Isa, values: &mut [f32]) {
+        dispatch(isa, Apply { activation: self, values });
+    }
+
+    /// Applies it to every value, and multiplies `grad` by its derivative there.
+    ///
+    /// # Panics
+    /// If there are not as many gradients as values.
+    pub fn apply_with_gradient(self, isa: Isa, values: &mut [f32], grad: &mut [f32]) {
+        assert_eq!(values.len(), grad.len(), "a gradient for every value");
+        dispatch(isa, Gradient { activation: self, values, grad });
+    }
+}
+
+struct Apply<'a> {
+    activation: Activation,
+    values: &'a mut [f32],
+}
+
+impl WithSimd for Apply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        match self.activation {
+            Activation::Identity => {}
+            Activation::Relu => vector::map(simd, self.values, |x| vector::relu(simd, x)),
+            Activation::Gelu => vector::map(simd, self.values, |x| vector::gelu(simd, x).0),
+            Activation::Silu => vector::map(simd, self.values, |x| vector::silu(simd, x)),
+        }
+    }
+}
+
+struct Gradient<'a> {
+    activation: Activation,
+    values: &'a mut [f32],
+    grad: &'a mut [f32],
+}
+
+impl WithSimd for Gradient<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        // Value and slope.
+        let function = |x: S::f32s| match self.activation {
+            Activation::Identity => (x, one),
+            Activation::Relu => {
+                (vector::relu(simd, x), simd.select_f32s(simd.greater_than_f32s(x, zero), one, zero))
+            }
+            Activation::Gelu => vector::gelu(simd, x),
+            Activation::Silu => {
+                let logistic = simd.div_f32s(one, simd.add_f32s(one, vector::exp(simd, simd.neg_f32s(x))));
+                let rest = simd.sub_f32s(one, logistic);
+                let slope = simd.mul_f32s(logistic, simd.mul_add_e_f32s(x, rest, one));
+                (simd.mul_f32s(x, logistic), slope)
+            }
+        };
+        let ((vectors, rest), (grads, grad_rest)) =
+            (S::as_mut_simd_f32s(self.values), S::as_mut_simd_f32s(self.grad));
+        for (v, grad) in vectors.iter_mut().zip(grads) {
+            let (value, slope) = function(*v);
+            *v = value;
+            *grad = simd.mul_f32s(*grad, slope);
+        }
+        if !rest.is_empty() {
+            let (value, slope) = function(simd.partial_load_f32s(rest));
+            simd.partial_store_f32s(rest, value);
+            let grad = simd.partial_load_f32s(grad_rest);
+            simd.partial_store_f32s(grad_rest, simd.mul_f32s(grad, slope));
+        }
+    }
+}

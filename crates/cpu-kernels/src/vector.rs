@@ -1,0 +1,196 @@
+//! What kernels are made of: loops over slices in vectors, and elementary functions of vectors without branches or calls.
+
+use pulp::Simd;
+
+/// Replaces every value by f(value). The last values, fewer than a vector, are seen by `f` with others beside them that
+/// are thrown away.
+#[inline(always)]
+pub fn map<S: Simd>(simd: S, values: &mut [f32], f: impl Fn(S::f32s) -> S::f32s) {
+    let (vectors, rest) = S::as_mut_simd_f32s(values);
+    for v in vectors {
+        *v = f(*v);
+    }
+    if !rest.is_empty() {
+        let v = simd.partial_load_f32s(rest);
+        simd.partial_store_f32s(rest, f(v));
+    }
+}
+
+/// Replaces every value by f(value, other).
+///
+/// # Panics
+/// If the slices differ in length; so do the functions below.
+#[inline(always)]
+pub fn map2<S: Simd>(simd: S, values: &mut [f32], other: &[f32], f: impl Fn(S::f32s, S::f32s) -> S::f32s) {
+    assert_eq!(values.len(), other.len(), "values side by side");
+    let (vectors, rest) = S::as_mut_simd_f32s(values);
+    let (others, other_rest) = S::as_simd_f32s(other);
+    for (v, o) in vectors.iter_mut().zip(others) {
+        *v = f(*v, *o);
+    }
+    if !rest.is_empty() {
+        let (v, o) = (simd.partial_load_f32s(rest), simd.partial_load_f32s(other_rest));
+        simd.partial_store_f32s(rest, f(v, o));
+    }
+}
+
+/// Replaces every value by f(value, a, b).
+#[inline(always)]
+pub fn map3<S: Simd>(
+    simd: S,
+    values: &mut [f32],
+    (a, b): (&[f32], &[f32]),
+    f: impl Fn(S::f32s, S::f32s, S::f32s) -> S::f32s,
+) {
+    assert!(values.len() == a.len() && values.len() == b.len(), "values side by side");
+    let (vectors, rest) = S::as_mut_simd_f32s(values);
+    let ((va, rest_a), (vb, rest_b)) = (S::as_simd_f32s(a), S::as_simd_f32s(b));
+    for ((v, a), b) in vectors.iter_mut().zip(va).zip(vb) {
+        *v = f(*v, *a, *b);
+    }
+    if !rest.is_empty() {
+        let [v, a, b] =
+            [simd.partial_load_f32s(rest), simd.partial_load_f32s(rest_a), simd.partial_load_f32s(rest_b)];
+        simd.partial_store_f32s(rest, f(v, a, b));
+    }
+}
+
+/// The sum of term(value) over all values, in four vectors of sums, so that no addition waits for the one before; in an
+/// order that depends on nothing but the instruction set. term(0) is to be 0.
+#[inline(always)]
+pub fn sum<S: Simd>(simd: S, values: &[f32], term: impl Fn(S::f32s) -> S::f32s) -> f32 {
+    let (vectors, rest) = S::as_simd_f32s(values);
+    let (fours, more) = vectors.as_chunks::<4>();
+    let mut sums = [simd.splat_f32s(0.0); 4];
+    for four in fours {
+        for (sum, v) in sums.iter_mut().zip(four) {
+            *sum = simd.add_f32s(*sum, term(*v));
+        }
+    }
+    for (sum, v) in sums.iter_mut().zip(more) {
+        *sum = simd.add_f32s(*sum, term(*v));
+    }
+    if !rest.is_empty() {
+        // The vectors before it took the first few sums.
+        sums[3] = simd.add_f32s(sums[3], masked(simd, rest, term));
+    }
+    let [a, b, c, d] = sums;
+    simd.reduce_sum_f32s(simd.add_f32s(simd.add_f32s(a, b), simd.add_f32s(c, d)))
+}
+
+/// term(value) of fewer values than a vector has, with zeros beside them.
+#[inline(always)]
+fn masked<S: Simd>(simd: S, rest: &[f32], term: impl Fn(S::f32s) -> S::f32s) -> S::f32s {
+    let live = simd.mask_between_m32s(0, rest.len() as u32).mask();
+    simd.select_f32s(live, term(simd.partial_load_f32s(rest)), simd.splat_f32s(0.0))
+}
+
+/// The product of two rows.
+#[inline(always)]
+pub fn dot<S: Simd>(simd: S, a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len(), "rows of one length");
+    let ((va, rest_a), (vb, rest_b)) = (S::as_simd_f32s(a), S::as_simd_f32s(b));
+    let mut sums = [simd.splat_f32s(0.0); 4];
+    let ((fours_a, more_a), (fours_b, more_b)) = (va.as_chunks::<4>(), vb.as_chunks::<4>());
+    for (a, b) in fours_a.iter().zip(fours_b) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum = simd.mul_add_e_f32s(*a, *b, *sum);
+        }
+    }
+    for ((sum, a), b) in sums.iter_mut().zip(more_a).zip(more_b) {
+        *sum = simd.mul_add_e_f32s(*a, *b, *sum);
+    }
+    if !rest_a.is_empty() {
+        let b = simd.partial_load_f32s(rest_b);
+        sums[3] = simd.add_f32s(sums[3], masked(simd, rest_a, |a| simd.mul_f32s(a, b)));
+    }
+    let [a, b, c, d] = sums;
+    simd.reduce_sum_f32s(simd.add_f32s(simd.add_f32s(a, b), simd.add_f32s(c, d)))
+}
+
+/// The largest value, minus infinity of none; what is not a number may be passed over.
+#[inline(always)]
+pub fn largest<S: Simd>(simd: S, values: &[f32]) -> f32 {
+    let (vectors, rest) = S::as_simd_f32s(values);
+    let mut most = simd.splat_f32s(f32::NEG_INFINITY);
+    for v in vectors {
+        most = simd.max_f32s(*v, most);
+    }
+    rest.iter().fold(simd.reduce_max_f32s(most), |most, &v| most.max(v))
+}
+
+/// max(x, 0) that keeps what is not a number.
+#[inline(always)]
+pub fn relu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    let zero = simd.splat_f32s(0.0);
+    simd.select_f32s(simd.less_than_f32s(x, zero), zero, x)
+}
+
+/// a + b x + c x² ..., the last coefficient first.
+#[inline(always)]
+fn polynomial<S: Simd, const N: usize>(simd: S, coefficients: [f32; N], x: S::f32s) -> S::f32s {
+    let mut p = simd.splat_f32s(coefficients[0]);
+    for &coefficient in &coefficients[1..] {
+        p = simd.mul_add_e_f32s(p, x, simd.splat_f32s(coefficient));
+    }
+    p
+}
+
+/// e^x for x ≤ 88, relative error below 2e-7; 0 below -87.3, where it would not be a normal number; e^88 above 88.
+#[inline(always)]
+pub fn exp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    // Adding 1.5 · 2²³ rounds to the nearest integer and leaves it in the low bits.
+    const ROUND: f32 = 12_582_912.0;
+    // ln 2 in two parts: the first has 10 bits, so that its products with exponents are exact.
+    const HIGH: f32 = 0.693_359_4;
+    const LOW: f32 = (std::f64::consts::LN_2 - HIGH as f64) as f32;
+    const LOWEST: f32 = -87.3;
+    const HIGHEST: f32 = 88.0;
+    // Taylor's series on |f| ≤ ln 2 / 2: the first term left out is 5e-9.
+    const SERIES: [f32; 8] = [1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
+    let splat = |v: f32| simd.splat_f32s(v);
+    // Not a number stays so through every step.
+    let highest = splat(HIGHEST);
+    let clamped = simd.select_f32s(simd.greater_than_f32s(x, highest), highest, x);
+    let rounded = simd.mul_add_e_f32s(clamped, splat(std::f32::consts::LOG2_E), splat(ROUND));
+    let n = simd.sub_f32s(rounded, splat(ROUND));
+    let f = simd.mul_add_e_f32s(n, splat(-LOW), simd.mul_add_e_f32s(n, splat(-HIGH), clamped));
+    let p = polynomial(simd, SERIES, f);
+    let bits = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(rounded), simd.splat_u32s(23));
+    let scale = simd.transmute_f32s_u32s(simd.add_u32s(bits, simd.splat_u32s(1.0_f32.to_bits())));
+    // Below the lowest the scale is of no meaning.
+    simd.select_f32s(simd.less_than_f32s(x, splat(LOWEST)), splat(0.0), simd.mul_f32s(p, scale))
+}
+
+/// x Φ(x) and its derivative Φ(x) + x φ(x), of the normal distribution; absolute error of both below 2e-7 + |x| 6e-8.
+#[inline(always)]
+pub fn gelu<S: Simd>(simd: S, x: S::f32s) -> (S::f32s, S::f32s) {
+    // Φ(-t) = e^(-t²/2) s P(s) with s = 1 / (1 + 0.35 t), relative error 4e-8 up to t = 13.3, where it leaves the
+    // range of f32. P by least squares on Chebyshev nodes in s, weights iterated towards the least maximum.
+    const P: [f32; 9] = [
+        -0.029_115_13,
+        0.143_818_96,
+        -0.255_392_1,
+        0.158_797_76,
+        -0.022_844_208,
+        0.105_392_46,
+        0.119_863_01,
+        0.139_857_58,
+        0.139_621_66,
+    ];
+    const PEAK: f32 = 0.398_942_3; // φ(0) = 1 / sqrt(2 π)
+    let splat = |v: f32| simd.splat_f32s(v);
+    let t = simd.abs_f32s(x);
+    let bell = exp(simd, simd.mul_f32s(simd.mul_f32s(splat(-0.5), t), t));
+    let s = simd.div_f32s(splat(1.0), simd.mul_add_e_f32s(splat(0.35), t, splat(1.0)));
+    let tail = simd.mul_f32s(simd.mul_f32s(bell, s), polynomial(simd, P, s));
+    let negative = simd.less_than_f32s(x, splat(0.0));
+    let normal = simd.select_f32s(negative, tail, simd.sub_f32s(splat(1.0), tail));
+    (simd.mul_f32s(x, normal), simd.mul_add_e_f32s(simd.mul_f32s(x, splat(PEAK)), bell, normal))
+}
+
+/// x / (1 + e^-x).
+#[inline(always)]
+pub fn silu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    simd.div_f32s(x, simd.add_f32s(simd.splat_f32s(1.0), exp(simd, simd.neg_f32s(x))))
+}
