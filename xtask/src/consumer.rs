@@ -7,9 +7,10 @@ use std::path::Path;
 /// A project of its own that depends on knn.
 const FOLDER: &str = "consumers/knn-alone";
 
-/// knn, rayon and thiserror, and what those two need.
-const ALLOWED: [&str; 13] = [
+/// knn, cpu-isa, rayon and thiserror, and what the last two need.
+const ALLOWED: [&str; 14] = [
     "knn",
+    "cpu-isa",
     "rayon",
     "rayon-core",
     "crossbeam-deque",
@@ -33,7 +34,7 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
         return Err(io::Error::other(format!("`cargo tree`: {}", String::from_utf8_lossy(&tree.stderr))));
     }
     let mut problems: Vec<String> = intruders(&String::from_utf8_lossy(&tree.stdout))
-        .map(|name| format!("crates/knn brings {name} along; only what rayon and thiserror need is allowed"))
+        .map(|name| format!("crates/knn brings {name} along; only cpu-isa, rayon, thiserror and what these need are allowed"))
         .collect();
     // One lock file for both: cargo takes from it what the project needs, and leaves out the rest.
     std::fs::copy(root.join("Cargo.lock"), root.join(FOLDER).join("Cargo.lock"))?;

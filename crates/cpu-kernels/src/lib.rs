@@ -34,3 +34,23 @@ pub fn dispatch<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
         other => panic!("this processor lacks {other}"),
     }
 }
+
+/// Runs `work` compiled for an instruction set, whose vectors the compiler finds by itself. For loops in which little time is
+/// spent, or which it turns into good code for AVX2: wider sets are not used, because what it does with them is not known.
+///
+/// # Panics
+/// If the processor lacks the set.
+#[inline]
+pub fn compiled_for<R>(isa: Isa, work: impl FnOnce() -> R) -> R {
+    struct Work<F>(F);
+
+    impl<R, F: FnOnce() -> R> WithSimd for Work<F> {
+        type Output = R;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) -> R {
+            (self.0)()
+        }
+    }
+    dispatch(isa.min(Isa::Avx2), Work(work))
+}

@@ -15,14 +15,6 @@ pub struct LayerNorm<'a> {
     pub epsilon: f32,
 }
 
-/// Mean and 1 / standard deviation of a row. The mean is `near + rest`: together they have more digits than f32.
-#[derive(Clone, Copy)]
-struct Statistics {
-    near: f32,
-    rest: f32,
-    scale: f32,
-}
-
 impl LayerNorm<'_> {
     /// out = (x - mean) / sqrt(variance + epsilon) · weight + bias along each row of `weight.len()` columns.
     ///
@@ -58,42 +50,39 @@ impl LayerNorm<'_> {
         assert_eq!(x.len() % self.weight.len().max(1), 0, "whole rows");
     }
 
+    /// out = (x - mean) / sqrt(variance + epsilon) of a row; returns the factor.
     #[inline(always)]
-    fn statistics<S: Simd>(&self, simd: S, x: &[f32]) -> Statistics {
+    fn normalise<S: Simd>(&self, simd: S, x: &[f32], out: &mut [f32]) -> f32 {
         let count = x.len() as f32;
-        let near = vector::sum(simd, x, |v| v) / count;
-        let at = simd.splat_f32s(near);
-        let rest = vector::sum(simd, x, |v| simd.sub_f32s(v, at)) / count;
-        let more = simd.splat_f32s(rest);
+        // The mean in two parts, which together have more digits than f32: an offset does not blur small differences.
+        let near = simd.splat_f32s(vector::sum(simd, x, |v| v) / count);
+        let rest = simd.splat_f32s(vector::sum(simd, x, |v| simd.sub_f32s(v, near)) / count);
+        let apart = |v| simd.sub_f32s(simd.sub_f32s(v, near), rest);
         let square = |v| {
-            let apart = simd.sub_f32s(simd.sub_f32s(v, at), more);
+            let apart = apart(v);
             simd.mul_f32s(apart, apart)
         };
         let variance = vector::sum(simd, x, square) / count;
-        if variance.is_finite() {
-            Statistics { near, rest, scale: 1.0 / (variance + self.epsilon).sqrt() }
-        } else {
-            self.wide_statistics(x)
+        if !variance.is_finite() {
+            return self.normalise_wide(x, out);
         }
+        let scale = 1.0 / (variance + self.epsilon).sqrt();
+        let factor = simd.splat_f32s(scale);
+        vector::map2(simd, out, x, |_, v| simd.mul_f32s(apart(v), factor));
+        scale
     }
 
     /// In f64: a row may be as large as f32 can hold, and its squares cannot.
     #[cold]
-    fn wide_statistics(&self, x: &[f32]) -> Statistics {
+    fn normalise_wide(&self, x: &[f32], out: &mut [f32]) -> f32 {
         let count = x.len() as f64;
         let mean = x.iter().map(|&v| f64::from(v)).sum::<f64>() / count;
         let variance = x.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / count;
-        let scale = (1.0 / (variance + f64::from(self.epsilon)).sqrt()) as f32;
-        Statistics { near: mean as f32, rest: (mean - f64::from(mean as f32)) as f32, scale }
-    }
-}
-
-impl Statistics {
-    /// A normalised vector. Scaled before the mean is taken off where the difference might leave the range of f32.
-    #[inline(always)]
-    fn normal<S: Simd>(self, simd: S, v: S::f32s) -> S::f32s {
-        let apart = simd.sub_f32s(simd.sub_f32s(v, simd.splat_f32s(self.near)), simd.splat_f32s(self.rest));
-        simd.mul_f32s(apart, simd.splat_f32s(self.scale))
+        let scale = 1.0 / (variance + f64::from(self.epsilon)).sqrt();
+        for (out, &v) in out.iter_mut().zip(x) {
+            *out = ((f64::from(v) - mean) * scale) as f32;
+        }
+        scale as f32
     }
 }
 
@@ -111,10 +100,9 @@ impl WithSimd for Forward<'_> {
         let Self { norm, x, out } = self;
         let columns = norm.weight.len().max(1);
         for (x, out) in x.chunks_exact(columns).zip(out.chunks_exact_mut(columns)) {
-            let statistics = norm.statistics(simd, x);
-            out.copy_from_slice(x);
+            norm.normalise(simd, x, out);
             vector::map3(simd, out, (norm.weight, norm.bias), |v, weight, bias| {
-                simd.mul_add_e_f32s(statistics.normal(simd, v), weight, bias)
+                simd.mul_add_e_f32s(v, weight, bias)
             });
         }
     }
@@ -140,9 +128,7 @@ impl WithSimd for Backward<'_> {
         let (mut normal, mut grad) = (vec![0.0; columns], vec![0.0; columns]);
         let rows = x.chunks_exact(columns).zip(grad_out.chunks_exact(columns));
         for ((x, grad_out), grad_x) in rows.zip(grad_x.chunks_exact_mut(columns)) {
-            let statistics = norm.statistics(simd, x);
-            normal.copy_from_slice(x);
-            vector::map(simd, &mut normal, |v| statistics.normal(simd, v));
+            let scale = simd.splat_f32s(norm.normalise(simd, x, &mut normal));
             grad.copy_from_slice(grad_out);
             vector::map2(simd, &mut grad, norm.weight, |g, weight| simd.mul_f32s(g, weight));
             let product = |sum, g, v| simd.mul_add_e_f32s(g, v, sum);
@@ -150,7 +136,6 @@ impl WithSimd for Backward<'_> {
             vector::map2(simd, grad_bias, grad_out, |sum, g| simd.add_f32s(sum, g));
             let along_one = simd.splat_f32s(vector::sum(simd, &grad, |g| g) / count);
             let along_normal = simd.splat_f32s(-vector::dot(simd, &grad, &normal) / count);
-            let scale = simd.splat_f32s(statistics.scale);
             let gradient = |sum, g, v| {
                 let across = simd.mul_add_e_f32s(v, along_normal, simd.sub_f32s(g, along_one));
                 simd.mul_add_e_f32s(across, scale, sum)

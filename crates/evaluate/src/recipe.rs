@@ -1,5 +1,6 @@
 //! What a figure was made with: enough to make it again.
 
+use cpu_isa::Isa;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,6 +17,8 @@ pub struct Recipe<C> {
     pub seed: u64,
     /// Threads that worked.
     pub threads: usize,
+    /// Instruction set that vector code ran on.
+    pub isa: &'static str,
     /// The machine.
     pub machine: Machine,
     /// Every setting.
@@ -33,6 +36,7 @@ impl<C: Serialize> Recipe<C> {
             git: git_commit(),
             seed,
             threads,
+            isa: Isa::in_use().name(),
             machine: Machine::this(),
             config,
             versions: BTreeMap::from([("sparsesplat", env!("CARGO_PKG_VERSION").to_owned())]),
@@ -45,7 +49,7 @@ impl<C: Serialize> Recipe<C> {
 pub struct Machine {
     /// Operating system.
     pub os: &'static str,
-    /// Instruction set.
+    /// Architecture of the processor.
     pub arch: &'static str,
     /// Model name of the processor.
     pub cpu: Option<String>,
@@ -120,7 +124,7 @@ mod tests {
     #[test]
     fn a_recipe_has_the_keys_that_readers_rely_on() {
         let json = serde_json::to_value(Recipe::of_this_run(7, 2, "settings")).unwrap();
-        for key in ["command", "git", "seed", "threads", "machine", "config", "versions"] {
+        for key in ["command", "git", "seed", "threads", "isa", "machine", "config", "versions"] {
             assert!(json.get(key).is_some(), "{key}");
         }
         assert_eq!((&json["seed"], &json["config"]), (&7.into(), &"settings".into()));

@@ -10,6 +10,7 @@ mod vector;
 
 use crate::search::{Lists, NO_CANDIDATE, split_key};
 use crate::tree::{Bounds, LEAF, Leaf};
+use cpu_isa::Isa;
 use network::{RUN, Run};
 use std::arch::x86_64::*;
 use vector::{LANES, load, load_u32, pack, set_u32, squared_norm, store, store_u32};
@@ -46,7 +47,7 @@ pub(crate) struct Avx2Lists {
 
 impl Avx2Lists {
     pub(crate) fn serves(k: usize) -> bool {
-        k <= LARGEST_K && is_x86_feature_detected!("avx2") && is_x86_feature_detected!("popcnt")
+        k <= LARGEST_K && Isa::in_use() >= Isa::Avx2
     }
 
     /// # Panics

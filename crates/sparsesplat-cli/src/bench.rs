@@ -6,6 +6,7 @@ mod bandwidth;
 mod cpu;
 mod entropy;
 mod head;
+mod isa;
 mod knn;
 mod measure;
 mod random;
@@ -34,6 +35,7 @@ enum Which {
     Head(head::Arguments),
     Backbone(backbone::Arguments),
     Raster(raster::Arguments),
+    Isa(isa::Arguments),
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
@@ -44,6 +46,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         Some(Which::Backbone(arguments)) => backbone::run(arguments, common),
         Some(Which::Head(arguments)) => head::run(arguments, common),
         Some(Which::Raster(arguments)) => raster::run(arguments, common),
+        Some(Which::Isa(arguments)) => isa::run(arguments, common),
         None => {
             list();
             Ok(())

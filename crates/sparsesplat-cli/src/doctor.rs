@@ -8,6 +8,7 @@ use crate::failure::{Failure, OrFail, Outcome};
 use crate::summary::print_line;
 use crate::{output, threads};
 use clap::Args;
+use cpu_isa::Isa;
 use evaluate::{Machine, Recipe, render_view};
 use gs_raster::Rasterizer;
 use gs_scene::{Camera, Gaussians, Intrinsics, dc_from_rgb, logit};
@@ -21,6 +22,7 @@ pub(crate) struct Arguments {}
 #[derive(Serialize)]
 struct Record {
     recipe: Recipe<()>,
+    /// The instruction sets of the processor that there is vector code for.
     simd: Vec<&'static str>,
     /// The adapter that `--device auto` renders on; none is the CPU.
     gpu: Option<String>,
@@ -38,9 +40,6 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
     let error = self_test()?;
     let passed = error <= TOLERANCE;
     let gpus = gpu::examine(common.device);
-    let simd = simd();
-    let simd_text =
-        if simd.is_empty() { "none that this build looks for".to_owned() } else { simd.join(", ") };
     let memory = memory_bytes.map_or("unknown".to_owned(), |bytes| format!("{:.1} GB", bytes as f64 / 1e9));
     let verdict = if passed { "passed" } else { "FAILED" };
     let mut lines = vec![
@@ -51,7 +50,7 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
             cpu.as_deref().unwrap_or("unknown"),
             threads()
         ),
-        format!("SIMD       {simd_text}"),
+        vectors_line(),
         format!("memory     {memory}"),
         "heads      one for --backbone plane-sweep is built in; --weights takes others that `train` wrote"
             .to_owned(),
@@ -69,6 +68,7 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
     let gpu_failed = gpus.failed();
     if let Some(path) = &common.json {
         let recipe = Recipe::of_this_run(0, threads(), ());
+        let simd = Isa::available().into_iter().map(Isa::name).collect();
         let gpu = gpus.automatic().map(str::to_owned);
         let passed = passed && !gpu_failed;
         output::write_json(path, &Record { recipe, simd, gpu, gpus, self_test_error: error, passed })?;
@@ -100,26 +100,15 @@ fn networks_line() -> String {
     )
 }
 
-/// What the processor has of the instruction sets that inner loops are compiled for.
-fn simd() -> Vec<&'static str> {
-    #[cfg(any(target_arch = "x86_64", target_arch = "x86"))]
-    {
-        let levels = [
-            ("sse4.2", std::arch::is_x86_feature_detected!("sse4.2")),
-            ("avx2", std::arch::is_x86_feature_detected!("avx2")),
-            ("fma", std::arch::is_x86_feature_detected!("fma")),
-            ("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
-        ];
-        levels.into_iter().filter_map(|(name, there)| there.then_some(name)).collect()
-    }
-    #[cfg(target_arch = "aarch64")]
-    {
-        vec!["neon"]
-    }
-    #[cfg(not(any(target_arch = "x86_64", target_arch = "x86", target_arch = "aarch64")))]
-    {
-        Vec::new()
-    }
+/// The instruction sets that the processor has, and which of them vector code runs on.
+fn vectors_line() -> String {
+    let available: Vec<&str> = Isa::available().into_iter().map(Isa::name).collect();
+    format!(
+        "vectors    {}; this processor has {}, and {} forces one of them",
+        Isa::in_use(),
+        available.join(", "),
+        cpu_isa::VARIABLE
+    )
 }
 
 /// Colours of the test scene along the middle row, from its centre: red, blue. On the optical axis a footprint is a

@@ -27,7 +27,7 @@ mod weights;
 
 use arguments::Common;
 use clap::{Parser, Subcommand};
-use failure::{OrFail, Outcome};
+use failure::{Failure, OrFail, Outcome};
 use std::process::ExitCode;
 
 /// Posed photographs in, a compact set of 3D Gaussians out, in one pass; no GPU needed
@@ -50,6 +50,9 @@ Start here:
   sparsesplat paper main runtime                           the paper's tables, ours beside
   sparsesplat train -o run                                 a head of your own, from photographs or simulated scenes
   sparsesplat check-data PHOTOS                            is something wrong with the data?
+
+Environment: SPARSESPLAT_ISA=scalar|neon|avx2|avx512 forces vector code to a narrower instruction set than the
+processor has; `doctor` says which are there.
 
 Exit codes: 0 done, 1 failed at work, 2 wrong arguments or wrong input.";
 
@@ -83,6 +86,7 @@ fn main() -> ExitCode {
 
 fn run(cli: &Cli) -> Outcome {
     let common = &cli.common;
+    cpu_isa::Isa::requested().map_err(Failure::input)?;
     if let Some(threads) = common.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().or_work()?;
     }

@@ -12,6 +12,7 @@
 #![allow(unsafe_code)] // Loads, stores, and the call of functions that are compiled for AVX2.
 
 use super::Steps;
+use cpu_isa::Isa;
 use std::arch::x86_64::*;
 
 /// Windows per step: the bytes of a register.
@@ -33,9 +34,9 @@ pub(super) struct ByteSteps {
 }
 
 impl ByteSteps {
-    /// None if this processor has no AVX2, or the window is none that these functions are made for.
+    /// None if AVX2 is not in use, or the window is none that these functions are made for.
     pub(super) fn new(size: usize, steps: &Steps) -> Option<Self> {
-        if !(is_x86_feature_detected!("avx2") && matches!(size, 3 | 5 | MAX_SIZE)) {
+        if Isa::in_use() < Isa::Avx2 || !matches!(size, 3 | 5 | MAX_SIZE) {
             return None;
         }
         let mut bytes = [[[0; 16]; 4]; 3];

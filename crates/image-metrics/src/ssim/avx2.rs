@@ -5,12 +5,13 @@
 
 use super::band::{Band, Pair, Scratch, band, statistics};
 use super::vector::Vector;
+use cpu_isa::Isa;
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
 
-/// Whether this processor has the instructions.
+/// Whether the instructions are in use.
 pub(super) fn available() -> bool {
-    is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")
+    Isa::in_use() >= Isa::Avx2
 }
 
 #[derive(Clone, Copy)]

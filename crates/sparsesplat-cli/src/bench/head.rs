@@ -78,18 +78,18 @@ struct Settings<'a> {
 }
 
 /// Anchors on a grid, neighbours near by as those of pixels are.
-struct Scene {
+pub(super) struct Scene {
     n: usize,
     k: usize,
     geometry: Vec<f32>,
     image: Vec<f32>,
     neighbours: Vec<u32>,
     relative: Vec<[f32; 3]>,
-    by_outputs: Vec<f32>,
+    pub(super) by_outputs: Vec<f32>,
 }
 
 impl Scene {
-    fn new(config: &Config, n: usize) -> Self {
+    pub(super) fn new(config: &Config, n: usize) -> Self {
         const ROW: i64 = 256;
         let k = config.neighbours.min(n.saturating_sub(1));
         let mut random = Random(1);
@@ -106,7 +106,7 @@ impl Scene {
         Self { n, k, geometry, image, neighbours, relative, by_outputs }
     }
 
-    fn inputs(&self) -> Inputs<'_> {
+    pub(super) fn inputs(&self) -> Inputs<'_> {
         Inputs {
             n: self.n,
             k: self.k,

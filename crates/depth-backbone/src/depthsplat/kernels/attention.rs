@@ -1,8 +1,7 @@
 //! Attention on slices: the scores of a block of queries and one head at a time, never all of them.
 
-use super::gemm::{PANEL, Packed, Rows, multiply};
-use super::math::exp;
-use multiversion::{multiversion, target::target_cfg_f};
+use cpu_kernels::rows::exponentials;
+use cpu_kernels::{Isa, Packed, Rows, multiply};
 use rayon::prelude::*;
 
 /// Scores per block: they stay in the second-level cache.
@@ -18,9 +17,10 @@ pub(in crate::depthsplat) struct Heads<'a> {
 }
 
 impl<'a> Heads<'a> {
-    fn rows(&self, head: usize, first: usize, count: usize) -> Rows<'a> {
+    /// `count` tokens from `first` on, `width` channels of a head.
+    fn rows(&self, head: usize, (first, count): (usize, usize), width: usize) -> Rows<'a> {
         let start = first * self.stride + self.first + head * self.step;
-        Rows { values: &self.values[start..], stride: self.stride, count }
+        Rows::strided(&self.values[start..], count, width, self.stride)
     }
 }
 
@@ -57,14 +57,15 @@ pub(in crate::depthsplat) struct Attention<'a> {
 pub(in crate::depthsplat) fn attend(a: &Attention<'_>) -> Vec<f32> {
     let row = a.heads * a.width;
     let mut out = vec![0.0; a.groups * a.queries * row];
-    let block = (SCORES / a.keys).clamp(12, 96) / 12 * 12;
+    let isa = Isa::in_use();
+    let block = (SCORES / a.keys).clamp(24, 96) / 24 * 24;
     out.par_chunks_mut(a.queries * row).enumerate().for_each(|(group, out)| {
         let packed: Vec<(Packed, Packed)> =
-            (0..a.heads).into_par_iter().map(|head| pack(a, group, head)).collect();
+            (0..a.heads).into_par_iter().map(|head| pack(isa, a, group, head)).collect();
         out.par_chunks_mut(block * row).enumerate().for_each_init(Vec::new, |scores, (b, out)| {
             for (head, (k, v)) in packed.iter().enumerate() {
                 let count = out.len() / row;
-                let queries = a.q.rows(head, group * a.queries + b * block, count);
+                let queries = a.q.rows(head, (group * a.queries + b * block, count), a.width);
                 head_block(a, (queries, k, v), (group, b * block), scores, &mut out[head * a.width..]);
             }
         });
@@ -73,13 +74,10 @@ pub(in crate::depthsplat) fn attend(a: &Attention<'_>) -> Vec<f32> {
 }
 
 /// Keys `[width, keys]` and values `[keys, width]` of a head.
-fn pack(a: &Attention<'_>, group: usize, head: usize) -> (Packed, Packed) {
-    let k = a.k.rows(head, group * a.keys, a.keys);
-    let v = a.v.rows(head, group * a.keys, a.keys);
-    (
-        Packed::new(a.width, a.keys, |c, key| k.values[key * k.stride + c]),
-        Packed::new(a.keys, a.width, |key, c| v.values[key * v.stride + c]),
-    )
+fn pack(isa: Isa, a: &Attention<'_>, group: usize, head: usize) -> (Packed, Packed) {
+    let tokens = (group * a.keys, a.keys);
+    let (k, v) = (a.k.rows(head, tokens, a.width), a.v.rows(head, tokens, a.width));
+    (Packed::transposed(isa, k), Packed::rows(isa, v))
 }
 
 fn head_block(
@@ -89,76 +87,32 @@ fn head_block(
     scores: &mut Vec<f32>,
     out: &mut [f32],
 ) {
-    let stride = a.keys.next_multiple_of(PANEL);
-    scores.resize(queries.count * stride, 0.0);
-    multiply(queries, k, scores, stride);
+    let count = queries.count();
+    scores.resize(count * a.keys, 0.0);
+    multiply(queries, k, scores, a.keys, false);
     let labels = a.labels.map(|labels| {
         let set = group % (labels.queries.len() / a.queries);
-        let queries = &labels.queries[set * a.queries + first..][..queries.count];
+        let queries = &labels.queries[set * a.queries + first..][..count];
         (queries, &labels.keys[set * a.keys..][..a.keys])
     });
-    let mut sums = vec![0.0; queries.count];
-    for (i, (row, sum)) in scores.chunks_exact_mut(stride).zip(&mut sums).enumerate() {
+    let mut sums = vec![0.0; count];
+    for (i, (row, sum)) in scores.chunks_exact_mut(a.keys).zip(&mut sums).enumerate() {
         let labels = labels.map(|(queries, keys)| (queries[i], keys));
-        *sum = exponentials(&mut row[..a.keys], a.scale, labels);
+        *sum = exponentials(k.isa(), row, a.scale, labels);
     }
-    let scores = Rows { values: scores, stride, count: queries.count };
     let row = a.heads * a.width;
-    multiply(scores, v, out, row);
+    multiply(Rows::new(scores, count, a.keys), v, out, row, false);
     for (i, sum) in sums.iter().enumerate() {
         out[i * row..][..a.width].iter_mut().for_each(|v| *v /= sum);
     }
 }
 
-/// Replaces scores by exp(score - largest); returns their sum.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
-pub(super) fn exponentials(row: &mut [f32], scale: f32, labels: Option<(f32, &[f32])>) -> f32 {
-    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
-        exponentials_with::<true>(row, scale, labels)
-    } else {
-        exponentials_with::<false>(row, scale, labels)
-    }
-}
-
-#[inline(always)]
-fn exponentials_with<const FMA: bool>(row: &mut [f32], scale: f32, labels: Option<(f32, &[f32])>) -> f32 {
-    match labels {
-        None => row.iter_mut().for_each(|v| *v *= scale),
-        Some((label, keys)) => row
-            .iter_mut()
-            .zip(keys)
-            .for_each(|(v, &key)| *v = *v * scale + if key == label { 0.0 } else { -100.0 }),
-    }
-    // Several sums and maxima at a time, so that they are vectors; in an order that depends on nothing.
-    const LANES: usize = 16;
-    let mut largest = [f32::NEG_INFINITY; LANES];
-    let (chunks, rest) = row.as_chunks_mut::<LANES>();
-    for chunk in &*chunks {
-        for l in 0..LANES {
-            largest[l] = largest[l].max(chunk[l]);
-        }
-    }
-    let largest = largest.iter().chain(&*rest).fold(f32::NEG_INFINITY, |a, &b| a.max(b));
-    let mut sums = [0.0; LANES];
-    for chunk in chunks {
-        for l in 0..LANES {
-            chunk[l] = exp::<FMA>(chunk[l] - largest);
-            sums[l] += chunk[l];
-        }
-    }
-    let mut sum = sums.iter().sum();
-    for v in rest {
-        *v = exp::<FMA>(*v - largest);
-        sum += *v;
-    }
-    sum
-}
-
 /// softmax along rows of `channels`, in place.
 pub(in crate::depthsplat) fn softmax_rows(values: &mut [f32], channels: usize) {
+    let isa = Isa::in_use();
     values.par_chunks_mut(channels * 64).for_each(|rows| {
         for row in rows.chunks_exact_mut(channels) {
-            let sum = exponentials(row, 1.0, None);
+            let sum = exponentials(isa, row, 1.0, None);
             row.iter_mut().for_each(|v| *v /= sum);
         }
     });

@@ -1,8 +1,8 @@
 //! Convolutions on slices, `[image, row, column, channel]`: windows copied to rows of a matrix product, strip by strip.
 
 use super::finish::Finish;
-use super::gemm::{Packed, Rows, multiply};
 use super::winograd::{self, Transformed};
+use cpu_kernels::{Isa, Packed, Rows, multiply};
 use rayon::prelude::*;
 
 /// Values of a strip of windows: they stay in the second-level cache.
@@ -86,7 +86,7 @@ impl Kernel {
         if (side, window.stride, window.padding) == (3, 1, 1) && winograd::suits(inputs, outputs) {
             return Self::Winograd(Transformed::new(inputs, outputs, value));
         }
-        Self::Windows(Packed::new(side * side * inputs, outputs, |k, o| {
+        Self::Windows(Packed::new(Isa::in_use(), side * side * inputs, outputs, |k, o| {
             let (place, i) = (k / inputs, k % inputs);
             value(o, i, place / side, place % side)
         }))
@@ -119,7 +119,7 @@ pub(in crate::depthsplat) fn convolve(
 fn by_windows(x: Maps<'_>, window: Window, packed: &Packed, finish: &Finish<'_>, y: &mut [f32]) {
     let (height, width) = (window.steps(x.height), window.steps(x.width));
     let (depth, outputs) = (packed.depth(), packed.columns());
-    let strip = (STRIP / depth).clamp(12, 96) / 12 * 12;
+    let strip = (STRIP / depth).clamp(24, 96) / 24 * 24;
     y.par_chunks_mut(strip * outputs).enumerate().for_each_init(Vec::new, |scratch, (s, y)| {
         let (first, count) = (s * strip, y.len() / outputs);
         scratch.clear();
@@ -127,7 +127,7 @@ fn by_windows(x: Maps<'_>, window: Window, packed: &Packed, finish: &Finish<'_>,
             let (image, row, column) = (pixel / (height * width), pixel / width % height, pixel % width);
             copy_window(x, window, [image, row, column], scratch);
         }
-        multiply(Rows { values: scratch, stride: depth, count }, packed, y, outputs);
+        multiply(Rows::new(scratch, count, depth), packed, y, outputs, false);
         finish.apply(y, outputs, first * outputs);
     });
 }
@@ -157,8 +157,8 @@ fn copy_window(x: Maps<'_>, window: Window, [image, row, column]: [usize; 3], ou
 
 #[cfg(test)]
 mod tests {
-    use super::super::math::Activation;
     use super::*;
+    use cpu_kernels::Activation;
     use proptest::prelude::*;
 
     /// The definition, in f64.

@@ -1,7 +1,8 @@
 //! The cost volume on slices: how well the features of a view agree with those of its neighbours, at many depths.
 
 use super::convolution::Maps;
-use multiversion::multiversion;
+use cpu_kernels::Isa;
+use cpu_kernels::rows::dot;
 use rayon::prelude::*;
 
 /// Nearest a point may come to the plane of the other camera, scene units; behind it, it is put there.
@@ -108,6 +109,7 @@ impl<'a> Correlation<'a> {
     }
 
     fn pixel(&self, view: usize, x: usize, y: usize, out: &mut [f32]) {
+        let isa = Isa::in_use();
         let mine = self.features.pixel(view, y, x);
         let candidates = self.candidates_of(view, y * self.features.width + x);
         let pairings = &self.pairings[view];
@@ -124,7 +126,7 @@ impl<'a> Correlation<'a> {
                 };
                 if last.0 != Some(at) {
                     let products = self.around(pairing.other, at).map(|other| match other {
-                        Some(other) => dot(mine, other),
+                        Some(other) => dot(isa, mine, other),
                         None => 0.0,
                     });
                     last = (Some(at), products);
@@ -148,19 +150,6 @@ impl<'a> Correlation<'a> {
         }
         out
     }
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut parts = [0.0; 16];
-    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
-    for (a, b) in a.iter().zip(b) {
-        for l in 0..16 {
-            parts[l] += a[l] * b[l];
-        }
-    }
-    let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
-    parts.iter().sum::<f32>() + rest
 }
 
 #[cfg(test)]

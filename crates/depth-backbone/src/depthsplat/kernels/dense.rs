@@ -1,7 +1,7 @@
 //! The linear layer on slices: y = x Wᵀ, row by row.
 
 use super::finish::Finish;
-use super::gemm::{Packed, Rows, multiply};
+use cpu_kernels::{Packed, Rows, multiply};
 use rayon::prelude::*;
 
 /// Rows per task.
@@ -25,16 +25,16 @@ impl<'a> Joined<'a> {
         'a: 's,
     {
         if let [(values, channels)] = *self.inputs {
-            return Rows { values: &values[first * channels..][..count * channels], stride: channels, count };
+            return Rows::new(&values[first * channels..][..count * channels], count, channels);
         }
-        let stride = self.inputs.iter().map(|(_, channels)| channels).sum();
+        let width = self.inputs.iter().map(|(_, channels)| channels).sum();
         scratch.clear();
         for row in first..first + count {
             for (values, channels) in self.inputs {
                 scratch.extend_from_slice(&values[row * channels..][..*channels]);
             }
         }
-        Rows { values: scratch, stride, count }
+        Rows::new(scratch, count, width)
     }
 }
 
@@ -44,7 +44,7 @@ pub(in crate::depthsplat) fn dense(x: Joined<'_>, weight: &Packed, finish: &Fini
     let mut y = vec![0.0; rows * columns];
     y.par_chunks_mut(BLOCK * columns).enumerate().for_each_init(Vec::new, |scratch, (b, y)| {
         let block = x.block(b * BLOCK, y.len() / columns, scratch);
-        multiply(block, weight, y, columns);
+        multiply(block, weight, y, columns, false);
         finish.apply(y, columns, b * BLOCK * columns);
     });
     y

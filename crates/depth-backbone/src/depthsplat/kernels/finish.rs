@@ -1,7 +1,6 @@
 //! What follows the sums of a layer, while they are in the cache: bias, activation, scale, residual.
 
-use super::math::{Activation, activate};
-use multiversion::multiversion;
+use cpu_kernels::{Activation, Isa, rows};
 
 /// y = residual + scale · activation(x + bias), per channel; what is absent is left out.
 #[derive(Debug, Clone, Copy)]
@@ -18,25 +17,16 @@ pub(in crate::depthsplat) struct Finish<'a> {
 impl Finish<'_> {
     /// Finishes rows of `channels` values that start at value `offset` of the output.
     pub(super) fn apply(&self, values: &mut [f32], channels: usize, offset: usize) {
+        let isa = Isa::in_use();
         if let Some(bias) = self.bias {
-            values.chunks_exact_mut(channels).for_each(|row| add(row, bias));
+            rows::add_to_each(isa, values, &bias[..channels]);
         }
-        activate(self.activation, values);
+        self.activation.apply(isa, values);
         if let Some(scale) = self.scale {
-            values.chunks_exact_mut(channels).for_each(|row| multiply(row, scale));
+            rows::multiply_each(isa, values, &scale[..channels]);
         }
         if let Some(residual) = self.residual {
-            add(values, &residual[offset..][..values.len()]);
+            rows::add(isa, values, &residual[offset..][..values.len()]);
         }
     }
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn add(values: &mut [f32], other: &[f32]) {
-    values.iter_mut().zip(other).for_each(|(v, o)| *v += o);
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn multiply(values: &mut [f32], other: &[f32]) {
-    values.iter_mut().zip(other).for_each(|(v, o)| *v *= o);
 }

@@ -1,7 +1,6 @@
 //! Normalisations on slices, `[image, pixel, channel]`.
 
-use super::math::{Activation, activate};
-use multiversion::multiversion;
+use cpu_kernels::{Activation, Isa, LayerNorm, Rows, rows};
 use rayon::prelude::*;
 
 /// Pixels whose moments are taken at a time, and per task of the second pass.
@@ -9,40 +8,11 @@ const STRIP: usize = 64;
 
 /// (x - mean) / sqrt(variance + eps) · weight + bias along each row of `weight.len()` channels.
 pub(in crate::depthsplat) fn layer_norm(x: &[f32], weight: &[f32], bias: &[f32], eps: f32) -> Vec<f32> {
-    let channels = weight.len();
+    let norm = LayerNorm { weight, bias, epsilon: eps };
+    let (isa, strip) = (Isa::in_use(), weight.len() * STRIP);
     let mut y = vec![0.0; x.len()];
-    y.par_chunks_mut(channels * STRIP).zip(x.par_chunks(channels * STRIP)).for_each(|(y, x)| {
-        for (y, x) in y.chunks_exact_mut(channels).zip(x.chunks_exact(channels)) {
-            layer_norm_row(x, weight, bias, eps, y);
-        }
-    });
+    y.par_chunks_mut(strip).zip(x.par_chunks(strip)).for_each(|(y, x)| norm.apply(isa, x, y));
     y
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn layer_norm_row(x: &[f32], weight: &[f32], bias: &[f32], eps: f32, y: &mut [f32]) {
-    let mean = sum(x, |v| v) / x.len() as f32;
-    let variance = sum(x, |v| (v - mean) * (v - mean)) / x.len() as f32;
-    let factor = 1.0 / (variance + eps).sqrt();
-    for (((y, x), weight), bias) in y.iter_mut().zip(x).zip(weight).zip(bias) {
-        *y = (x - mean) * factor * weight + bias;
-    }
-}
-
-/// A sum in sixteen parts.
-#[inline(always)]
-fn sum(x: &[f32], term: impl Fn(f32) -> f32) -> f32 {
-    let mut parts = [0.0; 16];
-    let (chunks, rest) = x.as_chunks::<16>();
-    for chunk in chunks {
-        for l in 0..16 {
-            parts[l] += term(chunk[l]);
-        }
-    }
-    for (part, &v) in parts.iter_mut().zip(rest) {
-        *part += term(v);
-    }
-    parts.iter().sum()
 }
 
 /// Normalisation over all pixels of an image, per group of channels.
@@ -85,18 +55,20 @@ impl Moments {
 impl GroupNorm<'_> {
     /// The normalisation of images of `pixels` pixels.
     pub(in crate::depthsplat) fn apply(&self, x: &[f32], pixels: usize) -> Vec<f32> {
+        let isa = Isa::in_use();
         let image = pixels * self.channels;
         let strip = STRIP * self.channels;
         let mut y = vec![0.0; x.len()];
         y.par_chunks_mut(image).zip(x.par_chunks(image)).enumerate().for_each(|(i, (y, x))| {
             let (mean, factor) = self.statistics(x);
             y.par_chunks_mut(strip).zip(x.par_chunks(strip)).enumerate().for_each(|(s, (y, x))| {
-                for (y, x) in y.chunks_exact_mut(self.channels).zip(x.chunks_exact(self.channels)) {
-                    scaled(x, &mean, &factor, self.affine.map(|(_, bias)| bias), y);
+                rows::scale_apart(isa, x, &mean, &factor, y);
+                if let Some((_, bias)) = self.affine {
+                    rows::add_to_each(isa, y, bias);
                 }
-                activate(self.activation, y);
+                self.activation.apply(isa, y);
                 if let Some(residual) = self.residual {
-                    add_and_clip(y, &residual[i * image + s * strip..]);
+                    rows::add_and_clip(isa, y, &residual[i * image + s * strip..][..y.len()]);
                 }
             });
         });
@@ -125,44 +97,18 @@ impl GroupNorm<'_> {
 
 /// Moments of each channel of a few pixels.
 fn moments(x: &[f32], channels: usize) -> Vec<Moments> {
-    let count = (x.len() / channels) as f32;
+    let (isa, pixels) = (Isa::in_use(), Rows::new(x, x.len() / channels, channels));
+    let count = pixels.count() as f32;
     let (mut mean, mut deviations) = (vec![0.0_f32; channels], vec![0.0_f32; channels]);
-    x.chunks_exact(channels).for_each(|pixel| add_to(&mut mean, pixel));
+    rows::add_sum(isa, pixels, &mut mean);
     mean.iter_mut().for_each(|v| *v /= count);
-    x.chunks_exact(channels).for_each(|pixel| add_squares(&mut deviations, pixel, &mean));
+    rows::add_squares(isa, pixels, &mean, &mut deviations);
     let moments = |(&mean, &deviations): (&f32, &f32)| Moments {
         count: count.into(),
         mean: mean.into(),
         deviations: deviations.into(),
     };
     mean.iter().zip(&deviations).map(moments).collect()
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn add_to(sums: &mut [f32], values: &[f32]) {
-    sums.iter_mut().zip(values).for_each(|(s, v)| *s += v);
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn add_squares(sums: &mut [f32], values: &[f32], mean: &[f32]) {
-    for ((s, v), m) in sums.iter_mut().zip(values).zip(mean) {
-        *s += (v - m) * (v - m);
-    }
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn scaled(x: &[f32], mean: &[f32], factor: &[f32], bias: Option<&[f32]>, y: &mut [f32]) {
-    for (((y, x), mean), factor) in y.iter_mut().zip(x).zip(mean).zip(factor) {
-        *y = (x - mean) * factor;
-    }
-    if let Some(bias) = bias {
-        y.iter_mut().zip(bias).for_each(|(y, b)| *y += b);
-    }
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn add_and_clip(y: &mut [f32], residual: &[f32]) {
-    y.iter_mut().zip(residual).for_each(|(y, r)| *y = (*y + r).max(0.0));
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Changes of resolution on slices, `[image, row, column, channel]`.
 
 use super::convolution::Maps;
-use multiversion::multiversion;
+use cpu_kernels::Isa;
+use cpu_kernels::rows::mix;
 use rayon::prelude::*;
 
 /// The two neighbours of each output position along an axis, and the weight of the second: corners stay corners.
@@ -18,6 +19,7 @@ fn axis(input: usize, output: usize) -> Vec<(usize, usize, f32)> {
 /// Bilinear resize that maps corners to corners.
 pub(in crate::depthsplat) fn bilinear(x: Maps<'_>, height: usize, width: usize) -> Vec<f32> {
     let (rows, columns) = (axis(x.height, height), axis(x.width, width));
+    let isa = Isa::in_use();
     let row = width * x.channels;
     let mut y = vec![0.0; x.count() * height * row];
     y.par_chunks_mut(row).enumerate().for_each_init(
@@ -26,20 +28,14 @@ pub(in crate::depthsplat) fn bilinear(x: Maps<'_>, height: usize, width: usize) 
             let (image, (a, b, weight)) = (i / height, rows[i % height]);
             let line =
                 |v: usize| &x.values[(image * x.height + v) * x.width * x.channels..][..x.width * x.channels];
-            mix(line(a), line(b), weight, between);
+            mix(isa, line(a), line(b), weight, between);
             for (y, &(a, b, weight)) in y.chunks_exact_mut(x.channels).zip(&columns) {
                 let pixel = |u: usize| &between[u * x.channels..][..x.channels];
-                mix(pixel(a), pixel(b), weight, y);
+                mix(isa, pixel(a), pixel(b), weight, y);
             }
         },
     );
     y
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn mix(a: &[f32], b: &[f32], weight: f32, y: &mut [f32]) {
-    let first = 1.0 - weight;
-    y.iter_mut().zip(a).zip(b).for_each(|((y, a), b)| *y = a * first + b * weight);
 }
 
 /// Every pixel `factor` x `factor` times.

@@ -4,25 +4,24 @@
 
 use super::convolution::{Maps, Window};
 use super::finish::Finish;
-use super::gemm::{PANEL, Packed, Rows, panel_product};
-use multiversion::multiversion;
+use cpu_kernels::pulp::{Simd, WithSimd};
+use cpu_kernels::{Isa, Packed, Rows, dispatch, panel_columns};
 use rayon::prelude::*;
 
 /// Products per tile and channel.
 const POINTS: usize = 16;
-/// Channels transformed at a time.
-const LANES: usize = 8;
 /// Values of the transformed inputs of a block: they stay near the second-level cache.
 const BLOCK: usize = 1 << 17;
 
-/// Whether the channel counts suit: whole vectors, and enough outputs to pay for the transformation of the input.
+/// Whether the channel counts suit: nearly whole vectors, and enough outputs to pay for the transformation of the input.
 pub(super) fn suits(inputs: usize, outputs: usize) -> bool {
-    inputs.is_multiple_of(LANES) && outputs >= PANEL
+    inputs.is_multiple_of(8) && outputs >= 16
 }
 
 /// Weights after the transformation G g Gᵀ: for each of 16 points a matrix `[in, out]`.
 #[derive(Debug, Clone)]
 pub(in crate::depthsplat) struct Transformed {
+    isa: Isa,
     points: Vec<Packed>,
     outputs: usize,
 }
@@ -35,14 +34,15 @@ impl Transformed {
         value: impl Fn(usize, usize, usize, usize) -> f32,
     ) -> Self {
         const G: [[f64; 3]; 4] = [[1.0, 0.0, 0.0], [0.5, 0.5, 0.5], [0.5, -0.5, 0.5], [0.0, 0.0, 1.0]];
+        let isa = Isa::in_use();
         let point = |p: usize| {
-            Packed::new(inputs, outputs, |i, o| {
+            Packed::new(isa, inputs, outputs, |i, o| {
                 let (row, column) = (G[p / 4], G[p % 4]);
                 let terms = (0..9).map(|k| row[k / 3] * column[k % 3] * f64::from(value(o, i, k / 3, k % 3)));
                 terms.sum::<f64>() as f32
             })
         };
-        Self { points: (0..POINTS).map(point).collect(), outputs }
+        Self { isa, points: (0..POINTS).map(point).collect(), outputs }
     }
 
     /// Output channels.
@@ -56,7 +56,7 @@ impl Transformed {
 struct Scratch {
     /// `[16, tiles, in]`.
     inputs: Vec<f32>,
-    /// `[16, tiles, 16 channels]`.
+    /// `[16, tiles, channels of a panel]`.
     products: Vec<f32>,
 }
 
@@ -70,7 +70,7 @@ pub(super) fn convolve(
 ) {
     let outputs = weights.outputs;
     let (tile_rows, tile_columns) = (x.height.div_ceil(2), x.width.div_ceil(2));
-    let block = (BLOCK / (POINTS * x.channels)).clamp(12, 96) / 12 * 12;
+    let block = (BLOCK / (POINTS * x.channels)).clamp(24, 96) / 24 * 24;
     // Rows of tiles per task: as many as fill a block, if the rows are short.
     let band = (block / tile_columns).clamp(1, tile_rows);
     let row = x.width * outputs;
@@ -85,7 +85,7 @@ pub(super) fn convolve(
                     count: block.min(tiles - first),
                     columns: tile_columns,
                 };
-                transform_inputs(x, window, tiles, scratch);
+                transform_inputs(weights.isa, x, window, tiles, scratch);
                 products(x.channels, weights, tiles, scratch, y, x.width);
             }
             finish.apply(y, outputs, (image * x.height + 2 * b * band) * row);
@@ -113,58 +113,84 @@ impl Tiles {
     }
 }
 
-fn transform_inputs(x: Maps<'_>, window: Window, tiles: Tiles, scratch: &mut Scratch) {
+fn transform_inputs(isa: Isa, x: Maps<'_>, window: Window, tiles: Tiles, scratch: &mut Scratch) {
     let needed = POINTS * tiles.count * x.channels;
     if scratch.inputs.len() < needed {
         scratch.inputs.resize(needed, 0.0);
     }
-    let zeros = vec![0.0; x.channels];
-    for t in 0..tiles.count {
-        let (row, column) = tiles.place(t);
-        let (top, left) = (2 * (tiles.top + row), 2 * column);
-        let rows: [Option<usize>; 4] = std::array::from_fn(|v| window.source(top, v, x.height));
-        let columns: [Option<usize>; 4] = std::array::from_fn(|u| window.source(left, u, x.width));
-        let pixels: [&[f32]; POINTS] = std::array::from_fn(|p| match (rows[p / 4], columns[p % 4]) {
-            (Some(v), Some(u)) => x.pixel(tiles.image, v, u),
-            _ => zeros.as_slice(),
-        });
-        transform_tile(&pixels, &mut scratch.inputs, t * x.channels, tiles.count * x.channels);
-    }
+    dispatch(isa, Inputs { x, window, tiles, out: &mut scratch.inputs[..needed] });
 }
 
-/// Bᵀ d B of one tile: point p goes to `out[offset + p * stride..]`.
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn transform_tile(pixels: &[&[f32]; POINTS], out: &mut [f32], offset: usize, stride: usize) {
-    let channels = pixels[0].len();
-    for c in (0..channels).step_by(LANES) {
-        let d: [[f32; LANES]; POINTS] = std::array::from_fn(|p| lanes(pixels[p], c));
-        let mut rows = [[0.0; LANES]; POINTS];
-        for u in 0..4 {
-            for l in 0..LANES {
-                rows[u][l] = d[u][l] - d[8 + u][l];
-                rows[4 + u][l] = d[4 + u][l] + d[8 + u][l];
-                rows[8 + u][l] = d[8 + u][l] - d[4 + u][l];
-                rows[12 + u][l] = d[4 + u][l] - d[12 + u][l];
+/// Bᵀ d B of every tile d, `[16, tiles, in]`.
+struct Inputs<'a> {
+    x: Maps<'a>,
+    window: Window,
+    tiles: Tiles,
+    out: &'a mut [f32],
+}
+
+impl WithSimd for Inputs<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { x, window, tiles, out } = self;
+        let zeros = vec![0.0; x.channels];
+        let stride = tiles.count * x.channels;
+        for t in 0..tiles.count {
+            let (row, column) = tiles.place(t);
+            let (top, left) = (2 * (tiles.top + row), 2 * column);
+            let rows: [Option<usize>; 4] = std::array::from_fn(|v| window.source(top, v, x.height));
+            let columns: [Option<usize>; 4] = std::array::from_fn(|u| window.source(left, u, x.width));
+            let pixels: [&[f32]; POINTS] = std::array::from_fn(|p| match (rows[p / 4], columns[p % 4]) {
+                (Some(v), Some(u)) => x.pixel(tiles.image, v, u),
+                _ => zeros.as_slice(),
+            });
+            for c in (0..x.channels).step_by(S::F32_LANES) {
+                let live = S::F32_LANES.min(x.channels - c);
+                let d: [S::f32s; POINTS] = std::array::from_fn(|p| load(simd, &pixels[p][c..c + live]));
+                let mut points = [simd.splat_f32s(0.0); POINTS];
+                for u in 0..4 {
+                    points[u] = simd.sub_f32s(d[u], d[8 + u]);
+                    points[4 + u] = simd.add_f32s(d[4 + u], d[8 + u]);
+                    points[8 + u] = simd.sub_f32s(d[8 + u], d[4 + u]);
+                    points[12 + u] = simd.sub_f32s(d[4 + u], d[12 + u]);
+                }
+                for v in 0..4 {
+                    let [a, b, c1, d1] = std::array::from_fn(|u| points[4 * v + u]);
+                    let transformed = [
+                        simd.sub_f32s(a, c1),
+                        simd.add_f32s(b, c1),
+                        simd.sub_f32s(c1, b),
+                        simd.sub_f32s(b, d1),
+                    ];
+                    for (u, value) in transformed.into_iter().enumerate() {
+                        let at = t * x.channels + (4 * v + u) * stride + c;
+                        store(simd, &mut out[at..at + live], value);
+                    }
+                }
             }
         }
-        for v in 0..4 {
-            let [a, b, c1, d1] = [rows[4 * v], rows[4 * v + 1], rows[4 * v + 2], rows[4 * v + 3]];
-            let mut store = |u: usize, values: [f32; LANES]| {
-                out[offset + (4 * v + u) * stride + c..][..LANES].copy_from_slice(&values);
-            };
-            store(0, std::array::from_fn(|l| a[l] - c1[l]));
-            store(1, std::array::from_fn(|l| b[l] + c1[l]));
-            store(2, std::array::from_fn(|l| c1[l] - b[l]));
-            store(3, std::array::from_fn(|l| b[l] - d1[l]));
-        }
     }
 }
 
+/// A vector, of which the last values are zeros where the slice is shorter.
 #[inline(always)]
-fn lanes(values: &[f32], c: usize) -> [f32; LANES] {
-    let mut out = [0.0; LANES];
-    out.copy_from_slice(&values[c..c + LANES]);
-    out
+fn load<S: Simd>(simd: S, values: &[f32]) -> S::f32s {
+    match S::as_simd_f32s(values).0.first() {
+        Some(vector) => *vector,
+        None => simd.partial_load_f32s(values),
+    }
+}
+
+/// Stores as many of a vector's values as the slice holds.
+#[inline(always)]
+fn store<S: Simd>(simd: S, values: &mut [f32], vector: S::f32s) {
+    if values.len() >= S::F32_LANES {
+        S::as_mut_simd_f32s(values).0[0] = vector;
+    } else {
+        simd.partial_store_f32s(values, vector);
+    }
 }
 
 /// Multiplies the transformed inputs of the tiles by all weights, and writes the outputs into the band `y`.
@@ -176,49 +202,76 @@ fn products(
     y: &mut [f32],
     width: usize,
 ) {
-    let size = tiles.count * PANEL;
+    let panel = panel_columns(weights.isa);
+    let size = tiles.count * panel;
     if scratch.products.len() < POINTS * size {
         scratch.products.resize(POINTS * size, 0.0);
     }
-    let outputs = weights.outputs;
-    let height = y.len() / (width * outputs);
-    for p in 0..outputs.div_ceil(PANEL) {
+    for p in 0..weights.outputs.div_ceil(panel) {
         for (point, matrix) in weights.points.iter().enumerate() {
-            let rows = Rows {
-                values: &scratch.inputs[point * tiles.count * channels..][..tiles.count * channels],
-                stride: channels,
-                count: tiles.count,
-            };
+            let values = &scratch.inputs[point * tiles.count * channels..][..tiles.count * channels];
             let product = &mut scratch.products[point * size..][..size];
-            panel_product(rows, matrix.panel(p), product, PANEL, PANEL, false);
+            matrix.multiply_panel(p, Rows::new(values, tiles.count, channels), product, panel);
         }
-        let live = PANEL.min(outputs - p * PANEL);
+        let first = p * panel;
+        let outputs = Outputs {
+            products: &scratch.products[..POINTS * size],
+            tiles,
+            panel,
+            y: &mut *y,
+            width,
+            channels: weights.outputs,
+            first,
+            live: panel.min(weights.outputs - first),
+        };
+        dispatch(weights.isa, outputs);
+    }
+}
+
+/// Aᵀ m A of every tile m: four outputs for each channel of a panel.
+struct Outputs<'a> {
+    /// `[16, tiles, panel]`.
+    products: &'a [f32],
+    tiles: Tiles,
+    panel: usize,
+    /// The band, `[rows, width, channels]`.
+    y: &'a mut [f32],
+    width: usize,
+    channels: usize,
+    /// The panel's first channel, and how many it has.
+    first: usize,
+    live: usize,
+}
+
+impl WithSimd for Outputs<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { products, tiles, panel, y, width, channels, first, live } = self;
+        let height = y.len() / (width * channels);
+        let stride = tiles.count * panel;
         for t in 0..tiles.count {
             let (row, column) = tiles.place(t);
-            let tile = output_tile(&scratch.products[t * PANEL..], size);
-            for (k, values) in tile.iter().enumerate() {
-                let (v, u) = (2 * row + k / 2, 2 * column + k % 2);
-                if v < height && u < width {
-                    y[(v * width + u) * outputs + p * PANEL..][..live].copy_from_slice(&values[..live]);
+            for c in (0..live).step_by(S::F32_LANES) {
+                let m: [S::f32s; POINTS] = std::array::from_fn(|p| {
+                    load(simd, &products[p * stride + t * panel + c..][..S::F32_LANES])
+                });
+                let upper = |u: usize| simd.add_f32s(simd.add_f32s(m[u], m[4 + u]), m[8 + u]);
+                let lower = |u: usize| simd.sub_f32s(simd.sub_f32s(m[4 + u], m[8 + u]), m[12 + u]);
+                let rows: [[S::f32s; 4]; 2] = [std::array::from_fn(upper), std::array::from_fn(lower)];
+                for (k, [a, b, c1, d]) in rows.into_iter().enumerate() {
+                    let pair =
+                        [simd.add_f32s(simd.add_f32s(a, b), c1), simd.sub_f32s(simd.sub_f32s(b, c1), d)];
+                    for (l, value) in pair.into_iter().enumerate() {
+                        let (v, u) = (2 * row + k, 2 * column + l);
+                        if v < height && u < width {
+                            let at = (v * width + u) * channels + first + c;
+                            store(simd, &mut y[at..at + S::F32_LANES.min(live - c)], value);
+                        }
+                    }
                 }
             }
         }
     }
-}
-
-/// Aᵀ m A of one tile, whose points lie `stride` apart: four outputs, row by row.
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn output_tile(products: &[f32], stride: usize) -> [[f32; PANEL]; 4] {
-    let mut out = [[0.0; PANEL]; 4];
-    let m: [&[f32; PANEL]; POINTS] =
-        std::array::from_fn(|p| products[p * stride..].first_chunk().unwrap_or(&[0.0; PANEL]));
-    for l in 0..PANEL {
-        let rows = |u: usize| (m[u][l] + m[4 + u][l] + m[8 + u][l], m[4 + u][l] - m[8 + u][l] - m[12 + u][l]);
-        let (a, b, c, d) = (rows(0), rows(1), rows(2), rows(3));
-        out[0][l] = a.0 + b.0 + c.0;
-        out[1][l] = b.0 - c.0 - d.0;
-        out[2][l] = a.1 + b.1 + c.1;
-        out[3][l] = b.1 - c.1 - d.1;
-    }
-    out
 }

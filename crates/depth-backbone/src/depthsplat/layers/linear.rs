@@ -2,6 +2,7 @@ use super::super::kernels::{self, Heads, Joined, Labels, Packed};
 use super::super::params::Params;
 use super::{Engine, Then, Work, softmax, tensor, values};
 use candle_core::{D, Result, Tensor};
+use cpu_kernels::{Isa, Rows};
 
 enum Weight {
     Packed(Packed),
@@ -55,7 +56,10 @@ impl Linear {
         outputs: usize,
     ) -> Result<Self> {
         let weight = match p.engine() {
-            Engine::Kernels => Weight::Packed(Packed::transposed(inputs, outputs, &values(weight)?)),
+            Engine::Kernels => Weight::Packed(Packed::transposed(
+                Isa::in_use(),
+                Rows::new(&values(weight)?, outputs, inputs),
+            )),
             Engine::Composed => Weight::Tensor(weight.to_device(p.device())?),
         };
         let bias = bias.map(|bias| bias.to_device(p.device())).transpose()?;
