@@ -133,7 +133,7 @@ const SAME_CASES: [(&str, &str); 1] = [("PROPTEST_RNG_SEED", "20251")];
 const EXTRAS: &str = "sparsesplat-cli/peers,sparsesplat-cli/hf-hub";
 
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 11] = [
+const CI: [Step; 12] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
@@ -162,11 +162,23 @@ const CI: [Step; 11] = [
         &["test", "--package", "knn", "--package", "entropy-sampler", "--no-default-features"],
         &SAME_CASES,
     ),
+    // What needs no candle, and what else is compiled without it.
     Step::Cargo(
-        "clippy without learned heads",
-        &["clippy", "--package", "sparsesplat", "--all-targets", "--", "-D", "warnings"],
+        "clippy without candle",
+        &[
+            "clippy",
+            "--package",
+            "sparsesplat",
+            "--package",
+            "attn-head",
+            "--all-targets",
+            "--",
+            "-D",
+            "warnings",
+        ],
         &[],
     ),
+    Step::Cargo("test without candle", &["test", "--package", "attn-head"], &SAME_CASES),
     Step::Cargo("doc", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-Dwarnings")]),
     // A working copy with changes has packages, too.
     Step::Cargo(

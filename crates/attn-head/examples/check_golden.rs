@@ -1,6 +1,6 @@
 //! Compares the attention head with golden files of another implementation, every map and gradient:
 //!
-//! `cargo run --release -p attn-head --example check_golden -- FILE.safetensors ..`
+//! `cargo run --release -p attn-head --features candle --example check_golden -- FILE.safetensors ..`
 //!
 //! The exit status is 1 if anything is outside the tolerances, 2 if a file cannot be read.
 

@@ -25,7 +25,14 @@ pub enum Error {
         /// Numbers given.
         found: usize,
     },
+    /// A kind of head that this build cannot run, without the feature `candle`.
+    #[error("heads of kind {kind:?} run on candle: build attn-head with the feature `candle`")]
+    NotBuilt {
+        /// How it gathers neighbours.
+        kind: crate::Kind,
+    },
     /// A tensor has another shape than its use asks for.
+    #[cfg(feature = "candle")]
     #[error("{what} has shape {found:?}, expected {expected:?}")]
     Shape {
         /// Which tensor.
@@ -36,6 +43,7 @@ pub enum Error {
         found: Vec<usize>,
     },
     /// A tensor has another number of dimensions than its use asks for.
+    #[cfg(feature = "candle")]
     #[error("{what} has shape {found:?}, expected {expected} dimensions")]
     Rank {
         /// Which tensor.
@@ -133,6 +141,7 @@ pub enum Error {
     #[error(transparent)]
     Write(#[from] gs_scene::Error),
     /// An operation on tensors failed.
+    #[cfg(feature = "candle")]
     #[error(transparent)]
     Tensor(#[from] candle_core::Error),
 }

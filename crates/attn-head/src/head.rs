@@ -1,8 +1,11 @@
+#[cfg(feature = "candle")]
 use crate::plain::{Network, TensorInputs};
 use crate::{Config, Error, Inputs, Kind, OUTPUTS, Result, Weights, fused};
+#[cfg(feature = "candle")]
 use candle_core::{DType, Device};
 
 /// Anchors whose pairs are in memory at a time: at K = 20 and f32 some 20 MB per map.
+#[cfg(feature = "candle")]
 const CHUNK: usize = 2048;
 
 /// What computes the outputs.
@@ -10,7 +13,8 @@ const CHUNK: usize = 2048;
 enum Form {
     /// [`fused`], the attention's own.
     Fused,
-    /// [`plain`](crate::plain), in chunks.
+    /// The form on candle, in chunks.
+    #[cfg(feature = "candle")]
     Plain(Network),
 }
 
@@ -25,15 +29,19 @@ impl Head {
     /// A head with the given weights.
     ///
     /// # Errors
-    /// If they do not fit their configuration or are not finite ([`Weights::check`]).
+    /// If they do not fit their configuration or are not finite ([`Weights::check`]), or this build does not run their kind
+    /// ([`Kind::BUILT`]).
     pub fn new(weights: Weights) -> Result<Self> {
         weights.check()?;
         let form = match weights.config.kind {
             Kind::Attention => Form::Fused,
+            #[cfg(feature = "candle")]
             Kind::Mlp | Kind::EdgeConv | Kind::MaxPool => {
                 let values = weights.to_tensor(DType::F32, &Device::Cpu)?;
                 Form::Plain(Network::new(weights.config, &values)?)
             }
+            #[cfg(not(feature = "candle"))]
+            kind => return Err(Error::NotBuilt { kind }),
         };
         Ok(Self { weights, form })
     }
@@ -61,6 +69,7 @@ impl Head {
                 inputs.check(self.config())?;
                 fused::forward(self.config(), &self.weights.values, inputs)
             }
+            #[cfg(feature = "candle")]
             Form::Plain(network) => {
                 let tensors = TensorInputs::new(self.config(), inputs, DType::F32, &Device::Cpu)?;
                 network.trace_in_chunks(&tensors, CHUNK)?.out.flatten_all()?.to_vec1()?

@@ -8,6 +8,7 @@ pub mod fused;
 mod head;
 mod inputs;
 mod layout;
+#[cfg(feature = "candle")]
 pub mod plain;
 mod weights;
 

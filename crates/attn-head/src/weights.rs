@@ -1,6 +1,7 @@
 use crate::config::LARGEST_FEATURES;
 use crate::draw::uniform;
 use crate::{Config, Error, LAST_LAYER, Layout, Parameter, Result, WeightFault, WeightProblem};
+#[cfg(feature = "candle")]
 use candle_core::{DType, Device, Tensor};
 use std::collections::BTreeMap;
 
@@ -118,6 +119,7 @@ impl Weights {
     ///
     /// # Errors
     /// Those of candle.
+    #[cfg(feature = "candle")]
     pub fn to_tensor(&self, dtype: DType, device: &Device) -> Result<Tensor> {
         Ok(Tensor::from_slice(&self.values, self.values.len(), device)?.to_dtype(dtype)?)
     }
@@ -168,7 +170,7 @@ mod tests {
 
     #[test]
     fn widened_weights_ignore_what_they_did_not_see() {
-        for kind in Kind::ALL {
+        for &kind in Kind::BUILT {
             let config = Config { kind, neighbours: 2, ..CONFIG };
             let narrow = Weights::recipe(config, "narrow").unwrap();
             assert_eq!(narrow.widened(config.geometry).unwrap(), narrow);

@@ -19,10 +19,6 @@ use std::time::Instant;
 
 /// Anchors, ready for a head.
 #[derive(Debug, Clone)]
-#[cfg_attr(
-    not(feature = "learned"),
-    expect(dead_code, reason = "the closed form is made with them, learned heads go on")
-)]
 pub struct Anchored {
     /// The views in the common exposure.
     pub views: Vec<View>,
@@ -139,7 +135,6 @@ pub fn anchor(
 
 impl Anchored {
     /// Surface per anchor, scene units²: the disc that reaches to the K-th neighbour, shared among K.
-    #[cfg_attr(not(feature = "learned"), expect(dead_code, reason = "learned heads see it"))]
     pub(crate) fn area_per_anchor(&self, anchor: usize) -> Option<f64> {
         area_per_anchor(self.neighbours.as_ref(), anchor)
     }

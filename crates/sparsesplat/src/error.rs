@@ -18,11 +18,9 @@ pub enum Error {
     #[error(transparent)]
     Knn(#[from] knn::Error),
     /// Weights that cannot be read, or inputs that a head refuses.
-    #[cfg(feature = "learned")]
     #[error(transparent)]
     Head(#[from] attn_head::Error),
     /// A closed form that cannot be rendered for the head's feedback.
-    #[cfg(feature = "learned")]
     #[error(
         "rendering the closed form into {view}, for the head's feedback: {source}; or take the closed-form head"
     )]
@@ -63,12 +61,6 @@ pub enum Error {
         expected: String,
         /// Schema of the features that there are.
         found: String,
-    },
-    /// Weights are given to a build that cannot use them.
-    #[error("{weights}: this build has no learned heads: build with the feature `learned`")]
-    NotBuilt {
-        /// The weights.
-        weights: String,
     },
     /// A network is asked for of a build that has none.
     #[error("{weights}: this build has no networks: build with the feature `depthsplat`")]

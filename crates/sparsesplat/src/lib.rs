@@ -9,11 +9,7 @@ mod backbone;
 mod own_head;
 mod predict;
 
-#[cfg(feature = "learned")]
 pub mod learned;
-#[cfg(not(feature = "learned"))]
-#[path = "unlearned.rs"]
-mod learned;
 
 mod as_photographed;
 mod exposure;

@@ -35,6 +35,7 @@ mod layer;
 mod linear;
 mod network;
 mod norm;
+#[cfg(feature = "candle")]
 mod op;
 mod pairs;
 mod perceptron;
@@ -45,6 +46,7 @@ use crate::{Config, Inputs, LAYERS, Layout, OUTPUTS};
 use backward::Backward;
 use network::{BLOCK, Network};
 
+#[cfg(feature = "candle")]
 pub use op::{Neighbourhood, apply};
 
 /// Tasks that the anchors are divided into. Fixed, so that sums over them do not depend on the number of threads.

@@ -1,8 +1,10 @@
 //! Inputs made of hashes.
 
 use crate::oracle;
+#[cfg(feature = "candle")]
 use attn_head::plain::{Network, TensorInputs};
 use attn_head::{Config, Inputs, Kind, Weights};
+#[cfg(feature = "candle")]
 use candle_core::{DType, Device, Tensor};
 
 /// Anchors, their neighbours and features.
@@ -50,6 +52,7 @@ impl Case {
         }
     }
 
+    #[cfg(feature = "candle")]
     pub(crate) fn tensors(&self) -> TensorInputs {
         TensorInputs::new(&self.config, &self.inputs(), DType::F64, &Device::Cpu).unwrap()
     }
@@ -74,12 +77,14 @@ impl Case {
     }
 
     /// The outputs of the plain form in f64.
+    #[cfg(feature = "candle")]
     pub(crate) fn plain(&self) -> Vec<f64> {
         let values = self.weights().to_tensor(DType::F64, &Device::Cpu).unwrap();
         flat(&Network::new(self.config, &values).unwrap().forward(&self.tensors()).unwrap())
     }
 }
 
+#[cfg(feature = "candle")]
 pub(crate) fn flat(tensor: &Tensor) -> Vec<f64> {
     tensor.flatten_all().unwrap().to_vec1().unwrap()
 }

@@ -1,6 +1,8 @@
 use crate::case::Case;
+#[cfg(feature = "candle")]
 use attn_head::plain::{Network, TensorInputs};
 use attn_head::{Error, Head, Inputs, Kind};
+#[cfg(feature = "candle")]
 use candle_core::{DType, Device, Tensor};
 
 fn refusal(case: &Case, change: impl FnOnce(&mut Case)) -> String {
@@ -12,7 +14,7 @@ fn refusal(case: &Case, change: impl FnOnce(&mut Case)) -> String {
 
 #[test]
 fn what_does_not_fit_is_named() {
-    for kind in Kind::ALL {
+    for &kind in Kind::BUILT {
         let case = Case::new(kind, 4, 2, 1);
         let said = |change: fn(&mut Case)| refusal(&case, change);
         assert_eq!(said(|c| c.geometry.truncate(11)), "geometry: 11 numbers, expected 12");
@@ -29,8 +31,24 @@ fn what_does_not_fit_is_named() {
 }
 
 #[test]
-fn an_mlp_takes_the_neighbours_that_it_is_made_for() {
+fn a_kind_that_is_not_built_is_refused_with_the_name_of_the_feature() {
     for kind in Kind::ALL {
+        match Head::new(Case::new(kind, 4, 2, 1).weights()) {
+            Ok(head) => assert!(Kind::BUILT.contains(&head.config().kind)),
+            Err(error) => {
+                assert!(!Kind::BUILT.contains(&kind), "{error}");
+                let expected = format!(
+                    "heads of kind {kind:?} run on candle: build attn-head with the feature `candle`"
+                );
+                assert_eq!(error.to_string(), expected);
+            }
+        }
+    }
+}
+
+#[test]
+fn an_mlp_takes_the_neighbours_that_it_is_made_for() {
+    for &kind in Kind::BUILT {
         let head = Head::new(Case::new(kind, 4, 2, 1).weights()).unwrap();
         let other = Case::new(kind, 4, 3, 1);
         match head.run(&other.inputs()) {
@@ -43,7 +61,7 @@ fn an_mlp_takes_the_neighbours_that_it_is_made_for() {
 /// Extreme inputs give finite outputs or an error that names the anchor.
 #[test]
 fn extreme_inputs_do_not_give_nans() {
-    for kind in Kind::ALL {
+    for &kind in Kind::BUILT {
         for value in [f32::MAX, -f32::MAX, 1e30, 1e19, f32::MIN_POSITIVE, 1e-45] {
             let case = Case::new(kind, 4, 2, 1);
             let head = Head::new(case.weights()).unwrap();
@@ -66,6 +84,7 @@ fn extreme_inputs_do_not_give_nans() {
     }
 }
 
+#[cfg(feature = "candle")]
 #[test]
 fn tensors_of_other_shapes_are_named() {
     let case = Case::new(Kind::Attention, 4, 2, 1);

@@ -8,6 +8,7 @@ mod case;
 mod files;
 mod fused;
 mod golden;
+#[cfg(feature = "candle")]
 mod gradients;
 mod hostile;
 mod oracle;

@@ -1,8 +1,18 @@
-//! Convolutions followed by ReLU, and their gradients by the input: windows copied to the rows of matrix products.
+//! Convolutions followed by ReLU, and their gradients by the input: windows copied to the rows of matrix products, a strip of pixels
+//! at a time.
 
 use super::maps::{Maps, View};
-use candle_core::{Device, Tensor};
+use cpu_kernels::{Isa, Packed, Rows, multiply};
 use rayon::prelude::*;
+use std::ops::Range;
+
+/// Values of the windows of a strip: 256 KiB, which stay in the second-level cache until they are multiplied.
+const STRIP: usize = 1 << 16;
+/// Rows of the picture whose gradient is added up together. The windows that reach across their border are computed twice.
+const BAND: usize = 32;
+/// Channels of the input from which on the gradient is a convolution, too. With fewer its products would mostly be of the zeros that
+/// fill up a vector.
+const WIDE: usize = 8;
 
 /// A square window and its steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +27,17 @@ impl Window {
     pub(super) fn steps(self, n: usize) -> Option<usize> {
         Some((n + 2 * self.padding).checked_sub(self.side)? / self.stride + 1)
     }
+
+    /// The part of the window at `step` that lies within an axis of `n` pixels.
+    fn within(self, step: usize, n: usize) -> Range<usize> {
+        let start = step * self.stride;
+        self.padding.saturating_sub(start)..(n + self.padding).saturating_sub(start).min(self.side)
+    }
+
+    /// Whether it sees one pixel, the output's own.
+    fn is_pixel(self) -> bool {
+        self == Self { side: 1, stride: 1, padding: 0 }
+    }
 }
 
 /// A convolution with its bias.
@@ -26,25 +47,34 @@ pub(super) struct Convolution {
     inputs: usize,
     outputs: usize,
     /// `[side · side · inputs, outputs]`.
-    forward: Tensor,
-    /// With stride 1 the weights of the convolution that takes gradients back, `[side · side · outputs, inputs]`; else
-    /// `[outputs, side · side · inputs]`.
-    backward: Tensor,
+    forward: Packed,
+    backward: Backward,
     bias: Vec<f32>,
+}
+
+/// Weights that take gradients back.
+#[derive(Debug)]
+enum Backward {
+    /// Of a full correlation with the weights turned by half a turn, `[side · side · outputs, inputs]`.
+    Convolution(Packed),
+    /// From a pixel of the output to its window, `[outputs, side · side · inputs]`.
+    Windows(Packed),
 }
 
 impl Convolution {
     /// From weights `[outputs, inputs, side, side]`.
     pub(super) fn new(window: Window, inputs: usize, weight: &[f32], bias: Vec<f32>) -> Self {
-        let (side, outputs) = (window.side, bias.len());
+        let (side, outputs, isa) = (window.side, bias.len(), Isa::in_use());
         let size = side * side;
         assert_eq!(weight.len(), outputs * inputs * size, "weights are [outputs, inputs, side, side]");
         let value = |o: usize, i: usize, place: usize| weight[(o * inputs + i) * size + place];
-        let forward = matrix(size * inputs, outputs, |row, o| value(o, row % inputs, row / inputs));
-        let backward = if window.stride == 1 {
-            matrix(size * outputs, inputs, |row, i| value(row % outputs, i, size - 1 - row / outputs))
+        let forward = Packed::new(isa, size * inputs, outputs, |row, o| value(o, row % inputs, row / inputs));
+        let backward = if window.stride == 1 && inputs >= WIDE {
+            let turned = |row: usize, i| value(row % outputs, i, size - 1 - row / outputs);
+            Backward::Convolution(Packed::new(isa, size * outputs, inputs, turned))
         } else {
-            matrix(outputs, size * inputs, |o, column| value(o, column % inputs, column / inputs))
+            let by_output = |o, column: usize| value(o, column % inputs, column / inputs);
+            Backward::Windows(Packed::new(isa, outputs, size * inputs, by_output))
         };
         Self { window, inputs, outputs, forward, backward, bias }
     }
@@ -70,30 +100,13 @@ impl Convolution {
     /// The gradient by the input, of `height` and `width`, from that by the convolution before its ReLU.
     pub(super) fn pull_back(&self, gradient: View<'_>, height: usize, width: usize) -> Maps {
         let mut out = Maps::zeros(height, width, self.inputs);
-        let Window { side, stride, padding } = self.window;
-        if stride == 1 {
-            // A full correlation with the weights turned by half a turn.
-            let window = Window { side, stride: 1, padding: side - 1 - padding };
-            convolve(gradient, window, &self.backward, &mut out, 0, |_| ());
-            return out;
-        }
-        let pixels = gradient.height * gradient.width;
-        let mut rows = Vec::with_capacity(pixels * self.outputs);
-        for pixel in 0..pixels {
-            rows.extend_from_slice(gradient.pixel(pixel % gradient.width, pixel / gradient.width));
-        }
-        let windows = multiply(rows, self.outputs, &self.backward);
-        // Windows overlap: they are added in their order.
-        for (pixel, values) in windows.chunks_exact(side * side * self.inputs).enumerate() {
-            let (x, y) = (pixel % gradient.width, pixel / gradient.width);
-            for (place, values) in values.chunks_exact(self.inputs).enumerate() {
-                let at = |step: usize, offset: usize| (step * stride + offset).checked_sub(padding);
-                let (Some(x), Some(y)) = (at(x, place % side), at(y, place / side)) else { continue };
-                if x < width && y < height {
-                    let pixel = &mut out.values[(y * width + x) * self.inputs..][..self.inputs];
-                    pixel.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
-                }
+        match &self.backward {
+            Backward::Convolution(weights) => {
+                let Window { side, padding, .. } = self.window;
+                let window = Window { side, stride: 1, padding: side - 1 - padding };
+                convolve(gradient, window, weights, &mut out, 0, |_| ());
             }
+            Backward::Windows(weights) => add_windows(gradient, self.window, weights, &mut out),
         }
         out
     }
@@ -103,56 +116,81 @@ impl Convolution {
 fn convolve(
     x: View<'_>,
     window: Window,
-    weights: &Tensor,
+    weights: &Packed,
     y: &mut Maps,
     first: usize,
     finish: impl Fn(&mut [f32]) + Sync,
 ) {
     let depth = window.side * window.side * x.channels;
-    // A fixed number of pixels at a time, which bounds the memory of their windows.
-    let strip = ((1 << 20) / depth).clamp(256, 2048);
+    // A fixed number of pixels at a time, whatever the number of threads.
+    let strip = (STRIP / depth).clamp(48, 1024);
     let (width, channels) = (y.width, y.channels);
-    y.values.par_chunks_mut(strip * channels).enumerate().for_each(|(s, y)| {
-        let pixels = y.len() / channels;
-        let mut rows = vec![0.0; pixels * depth];
-        for (i, row) in rows.chunks_exact_mut(depth).enumerate() {
-            let pixel = s * strip + i;
-            copy_window(x, window, pixel % width, pixel / width, row);
-        }
-        let products = multiply(rows, depth, weights);
-        let outputs = products.len() / pixels;
-        for (pixel, products) in y.chunks_exact_mut(channels).zip(products.chunks_exact(outputs)) {
-            let pixel = &mut pixel[first..first + outputs];
-            pixel.copy_from_slice(products);
-            finish(pixel);
-        }
+    let outputs = first..first + weights.columns();
+    let strips = y.values.par_chunks_mut(strip * channels).enumerate();
+    strips.for_each_init(Vec::new, |windows, (s, y)| {
+        let pixels = s * strip..s * strip + y.len() / channels;
+        let rows = if window.is_pixel() {
+            x.rows().slice(pixels)
+        } else {
+            windows.resize(pixels.len() * depth, 0.0);
+            for (pixel, row) in pixels.clone().zip(windows.chunks_exact_mut(depth)) {
+                copy_window(x, window, pixel % width, pixel / width, row);
+            }
+            Rows::new(windows, pixels.len(), depth)
+        };
+        multiply(rows, weights, &mut y[first..], channels, false);
+        y.chunks_exact_mut(channels).for_each(|pixel| finish(&mut pixel[outputs.clone()]));
     });
 }
 
-/// What the window of output pixel (x, y) sees, `[side, side, channels]`; `out` is zero where it sees nothing.
+/// What the window of output pixel (x, y) sees, `[side, side, channels]`, zero where it sees nothing.
 fn copy_window(maps: View<'_>, window: Window, x: usize, y: usize, out: &mut [f32]) {
-    let at = |step: usize, offset: usize, n: usize| {
-        (step * window.stride + offset).checked_sub(window.padding).filter(|&at| at < n)
-    };
-    for (place, out) in out.chunks_exact_mut(maps.channels).enumerate() {
-        let source = (at(x, place % window.side, maps.width), at(y, place / window.side, maps.height));
-        if let (Some(x), Some(y)) = source {
-            out.copy_from_slice(maps.pixel(x, y));
+    let (columns, rows) = (window.within(x, maps.width), window.within(y, maps.height));
+    let (left, right) = (columns.start * maps.channels, columns.end * maps.channels);
+    for (v, out) in out.chunks_exact_mut(window.side * maps.channels).enumerate() {
+        if rows.contains(&v) {
+            out[..left].fill(0.0);
+            out[right..].fill(0.0);
+            let [x, y] =
+                [(x, columns.start), (y, v)].map(|(step, at)| step * window.stride + at - window.padding);
+            maps.copy(x, y, &mut out[left..right]);
+        } else {
+            out.fill(0.0);
         }
     }
 }
 
-fn matrix(rows: usize, columns: usize, value: impl Fn(usize, usize) -> f32) -> Tensor {
-    let values: Vec<f32> = (0..rows * columns).map(|i| value(i / columns, i % columns)).collect();
-    Tensor::from_vec(values, (rows, columns), &Device::Cpu).expect("as many values as rows times columns")
-}
-
-/// Rows of `depth` values times a matrix `[depth, columns]`.
-fn multiply(rows: Vec<f32>, depth: usize, matrix: &Tensor) -> Vec<f32> {
-    let count = rows.len() / depth;
-    let product = Tensor::from_vec(rows, (count, depth), &Device::Cpu).and_then(|rows| rows.matmul(matrix));
-    let values = product.and_then(|product| product.flatten_all()?.to_vec1());
-    values.expect("rows as long as the matrix is deep")
+/// Adds to `out` the window of every pixel of `gradient`, its product with `weights`.
+fn add_windows(gradient: View<'_>, window: Window, weights: &Packed, out: &mut Maps) {
+    let Window { side, stride, padding } = window;
+    let (width, inputs, size) = (out.width, out.channels, weights.columns());
+    out.values.par_chunks_mut(BAND * width * inputs).enumerate().for_each_init(
+        Vec::new,
+        |windows, (band, out)| {
+            let above = band * BAND;
+            let height = out.len() / (width * inputs);
+            // Rows of the gradient whose windows reach these of `out`.
+            let first = (above + padding + 1).saturating_sub(side).div_ceil(stride);
+            let last = ((above + height - 1 + padding) / stride + 1).min(gradient.height);
+            let pixels = first * gradient.width..last * gradient.width;
+            windows.resize(pixels.len() * size, 0.0);
+            multiply(gradient.rows().slice(pixels.clone()), weights, windows, size, false);
+            // Windows overlap: they are added in their order.
+            for (pixel, values) in pixels.zip(windows.chunks_exact(size)) {
+                let (x, y) = (pixel % gradient.width, pixel / gradient.width);
+                let columns = window.within(x, width);
+                for (v, values) in values.chunks_exact(side * inputs).enumerate() {
+                    let row = (y * stride + v).checked_sub(padding + above).filter(|&row| row < height);
+                    let Some(row) = row else { continue };
+                    let start = row * width + x * stride + columns.start - padding;
+                    let sums = &mut out[start * inputs..][..columns.len() * inputs];
+                    sums.iter_mut()
+                        .zip(&values[columns.start * inputs..])
+                        .for_each(|(sum, value)| *sum += value);
+                }
+            }
+        },
+    );
 }
 
 #[cfg(test)]
@@ -170,8 +208,8 @@ mod tests {
         /// Each product of a weight and a pixel, by the definition: forward, and back where the output is not cut.
         #[test]
         fn both_ways_agree_with_the_definition(
-            (height, width) in (5_usize..24, 5_usize..24),
-            (inputs, outputs) in (1_usize..5, 1_usize..7),
+            (height, width) in (5_usize..40, 5_usize..24),
+            (inputs, outputs) in (1_usize..12, 1_usize..7),
             shape in prop::sample::select(vec![(3, 1, 1), (1, 1, 0), (5, 1, 2), (3, 2, 0), (11, 4, 2)]),
             seed: u32,
         ) {

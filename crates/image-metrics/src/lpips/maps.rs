@@ -1,5 +1,7 @@
 //! Feature maps on slices, channels last.
 
+use cpu_kernels::Rows;
+
 /// `[height, width, channels]`.
 #[derive(Debug, Clone)]
 pub(super) struct Maps {
@@ -64,5 +66,20 @@ impl<'a> View<'a> {
     /// The channels of a pixel.
     pub(super) fn pixel(&self, x: usize, y: usize) -> &'a [f32] {
         &self.values[(y * self.width + x) * self.stride + self.first..][..self.channels]
+    }
+
+    /// The channels of pixel (x, y) and of those to its right, as many as fit into `out`.
+    pub(super) fn copy(&self, x: usize, y: usize, out: &mut [f32]) {
+        if self.channels == self.stride {
+            out.copy_from_slice(&self.values[(y * self.width + x) * self.stride..][..out.len()]);
+        } else {
+            let pixels = out.chunks_exact_mut(self.channels).enumerate();
+            pixels.for_each(|(i, out)| out.copy_from_slice(self.pixel(x + i, y)));
+        }
+    }
+
+    /// A row for every pixel.
+    pub(super) fn rows(&self) -> Rows<'a> {
+        Rows::strided(&self.values[self.first..], self.height * self.width, self.channels, self.stride)
     }
 }

@@ -8,8 +8,14 @@ use super::pool::Pool;
 #[derive(Debug)]
 enum Layer {
     Convolution(Convolution),
-    Fire { squeeze: Convolution, expand: [Convolution; 2] },
+    Fire(Box<Fire>),
     Pool(Pool),
+}
+
+#[derive(Debug)]
+struct Fire {
+    squeeze: Convolution,
+    expand: [Convolution; 2],
 }
 
 #[derive(Debug)]
@@ -36,10 +42,10 @@ impl Network {
         let mut layer = |plan: &LayerPlan| {
             Ok(match plan {
                 LayerPlan::Convolution(plan) => Layer::Convolution(convolution(plan)?),
-                LayerPlan::Fire { squeeze, expand: [one, three] } => Layer::Fire {
+                LayerPlan::Fire { squeeze, expand: [one, three] } => Layer::Fire(Box::new(Fire {
                     squeeze: convolution(squeeze)?,
                     expand: [convolution(one)?, convolution(three)?],
-                },
+                })),
                 LayerPlan::Pool(pool) => Layer::Pool(*pool),
             })
         };
@@ -99,7 +105,7 @@ impl Layer {
     fn size(&self, height: usize, width: usize) -> Option<(usize, usize)> {
         match self {
             Self::Convolution(layer) => layer.size(height, width),
-            Self::Fire { .. } => Some((height, width)),
+            Self::Fire(_) => Some((height, width)),
             Self::Pool(pool) => Some((pool.steps(height)?, pool.steps(width)?)),
         }
     }
@@ -112,7 +118,8 @@ impl Layer {
                 layer.apply(x.view(), &mut output, 0);
                 Record { output, squeezed: None, places: Vec::new() }
             }
-            Self::Fire { squeeze, expand: [one, three] } => {
+            Self::Fire(fire) => {
+                let Fire { squeeze, expand: [one, three] } = &**fire;
                 let mut squeezed = Maps::zeros(height, width, squeeze.outputs());
                 squeeze.apply(x.view(), &mut squeezed, 0);
                 let mut output = Maps::zeros(height, width, one.outputs() + three.outputs());
@@ -134,7 +141,8 @@ impl Layer {
                 gradient.mask(&record.output);
                 layer.pull_back(gradient.view(), height, width)
             }
-            Self::Fire { squeeze, expand: [one, three] } => {
+            Self::Fire(fire) => {
+                let Fire { squeeze, expand: [one, three] } = &**fire;
                 gradient.mask(&record.output);
                 let squeezed = record.squeezed.as_ref().expect("fire layers record it");
                 let mut sum = one.pull_back(gradient.part(0, one.outputs()), height, width);

@@ -3,4 +3,5 @@
 mod cases;
 mod forward;
 mod gradient;
+#[cfg(feature = "candle")]
 mod op;

@@ -1,8 +1,10 @@
 //! Golden files of the attention head: inputs, all maps between its layers, gradients. The layout is described in
 //! fixtures/attn-head/README.md.
 
+#[cfg(feature = "candle")]
 use attn_head::plain::{Network, TensorInputs};
 use attn_head::{Config, Head, Inputs, Kind, OUTPUTS, Weights, fused};
+#[cfg(feature = "candle")]
 use candle_core::{DType, Device, Tensor, Var};
 use safetensors::{Dtype, SafeTensors};
 
@@ -139,11 +141,14 @@ impl Golden {
         Ok(Deviation { by, name: name.clone(), absolute, rms, largest: absolute / size })
     }
 
-    /// Compares every map and gradient of the plain form with the file, the outputs of [`Head`], and the outputs and
-    /// gradients of the fused form.
+    /// Compares every map and gradient of the plain form, where it is built, with the file, the outputs of [`Head`], and the
+    /// outputs and gradients of the fused form.
     pub(crate) fn compare(&self) -> Result<Vec<Deviation>, Failure> {
-        let mut deviations = self.compare_plain()?;
         let relative = self.relative()?;
+        #[cfg(feature = "candle")]
+        let mut deviations = self.compare_plain()?;
+        #[cfg(not(feature = "candle"))]
+        let mut deviations = Vec::new();
         let inputs = Inputs {
             n: self.n,
             k: self.k,
@@ -163,8 +168,9 @@ impl Golden {
         Ok(deviations)
     }
 
+    /// Neighbours exist.
+    #[cfg(feature = "candle")]
     fn compare_plain(&self) -> Result<Vec<Deviation>, Failure> {
-        self.relative()?; // neighbours exist
         let (n, k, config) = (self.n, self.k, self.weights.config);
         let var = |values: &[f32], width: usize| {
             Var::from_tensor(&Tensor::from_slice(values, (n, width), &Device::Cpu)?)

@@ -16,7 +16,8 @@ fn all_maps_and_gradients_are_those_found_in_f64() {
         ("k0", fixture!("k0.safetensors")),
     ] {
         let deviations = Golden::read(bytes).unwrap().compare().unwrap();
-        assert_eq!(deviations.len(), 15, "{name}");
+        // Eleven maps and gradients of the plain form, four of the others.
+        assert_eq!(deviations.len(), if cfg!(feature = "candle") { 15 } else { 4 }, "{name}");
         for d in deviations {
             assert!(d.within(), "{name}, {} {}: rms {:e}, largest {:e}", d.by, d.name, d.rms, d.largest);
         }
