@@ -58,31 +58,43 @@ impl WithSimd for WithRow<'_> {
 /// values += others.
 ///
 /// # Panics
-/// If there are not as many of both; so do the functions below.
+/// If the lengths do not agree.
 pub fn add(isa: Isa, values: &mut [f32], others: &[f32]) {
     assert_eq!(values.len(), others.len(), "values side by side");
     dispatch(isa, WithRow(Pointwise::Add, values, others));
 }
 
 /// values = max(values + others, 0).
+///
+/// # Panics
+/// If the lengths do not agree.
 pub fn add_and_clip(isa: Isa, values: &mut [f32], others: &[f32]) {
     assert_eq!(values.len(), others.len(), "values side by side");
     dispatch(isa, WithRow(Pointwise::AddAndClip, values, others));
 }
 
 /// Adds a row to every row of `values`, which lie without gaps.
+///
+/// # Panics
+/// If the lengths do not agree.
 pub fn add_to_each(isa: Isa, values: &mut [f32], row: &[f32]) {
     assert_eq!(values.len() % row.len().max(1), 0, "whole rows");
     dispatch(isa, WithRow(Pointwise::Add, values, row));
 }
 
 /// Multiplies every row of `values` by a row, value by value.
+///
+/// # Panics
+/// If the lengths do not agree.
 pub fn multiply_each(isa: Isa, values: &mut [f32], row: &[f32]) {
     assert_eq!(values.len() % row.len().max(1), 0, "whole rows");
     dispatch(isa, WithRow(Pointwise::Multiply, values, row));
 }
 
 /// Adds the sum of all rows to `sums`.
+///
+/// # Panics
+/// If the lengths do not agree.
 pub fn add_sum(isa: Isa, rows: Rows<'_>, sums: &mut [f32]) {
     assert_eq!(rows.width(), sums.len(), "a sum for every column");
     dispatch(isa, Sum { rows, sums });
@@ -105,6 +117,9 @@ impl WithSimd for Sum<'_> {
 }
 
 /// Adds the sum of (row - mean)² over all rows to `sums`, column by column.
+///
+/// # Panics
+/// If the lengths do not agree.
 pub fn add_squares(isa: Isa, rows: Rows<'_>, mean: &[f32], sums: &mut [f32]) {
     assert!(rows.width() == sums.len() && mean.len() == sums.len(), "a mean and a sum for every column");
     dispatch(isa, Squares { rows, mean, sums });
@@ -137,6 +152,9 @@ impl WithSimd for Squares<'_> {
 }
 
 /// For every row, out = (x - mean) · factor, column by column.
+///
+/// # Panics
+/// If the lengths do not agree.
 pub fn scale_apart(isa: Isa, x: &[f32], mean: &[f32], factor: &[f32], out: &mut [f32]) {
     assert!(x.len() == out.len() && mean.len() == factor.len(), "as many outputs as inputs");
     assert_eq!(x.len() % mean.len().max(1), 0, "whole rows");
@@ -168,6 +186,9 @@ impl WithSimd for ScaleApart<'_> {
 }
 
 /// out = (1 - weight) a + weight b.
+///
+/// # Panics
+/// If the lengths do not agree.
 pub fn mix(isa: Isa, a: &[f32], b: &[f32], weight: f32, out: &mut [f32]) {
     assert!(a.len() == out.len() && b.len() == out.len(), "rows side by side");
     dispatch(isa, Mix { a, b, weight, out });
@@ -197,6 +218,9 @@ impl WithSimd for Mix<'_> {
 }
 
 /// The product of two rows.
+///
+/// # Panics
+/// If the lengths do not agree.
 #[must_use]
 pub fn dot(isa: Isa, a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len(), "rows of one length");
@@ -216,6 +240,9 @@ impl WithSimd for Dot<'_> {
 
 /// Replaces scores by exp(score - largest), where a score is the value times `scale`, less 100 where a key's label is not
 /// the row's; returns their sum.
+///
+/// # Panics
+/// If the lengths do not agree.
 pub fn exponentials(isa: Isa, row: &mut [f32], scale: f32, labels: Option<(f32, &[f32])>) -> f32 {
     assert!(labels.is_none_or(|(_, keys)| keys.len() == row.len()), "a label for every key");
     dispatch(isa, Exponentials { row, scale, labels })

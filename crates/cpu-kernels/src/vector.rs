@@ -22,7 +22,7 @@ pub fn map<S: Simd>(simd: S, values: &mut [f32], f: impl Fn(S::f32s) -> S::f32s)
 /// Replaces every value by f(value, other).
 ///
 /// # Panics
-/// If the slices differ in length; so do the functions below.
+/// If the lengths do not agree.
 #[inline(always)]
 pub fn map2<S: Simd>(simd: S, values: &mut [f32], other: &[f32], f: impl Fn(S::f32s, S::f32s) -> S::f32s) {
     assert_eq!(values.len(), other.len(), "values side by side");
@@ -38,6 +38,9 @@ pub fn map2<S: Simd>(simd: S, values: &mut [f32], other: &[f32], f: impl Fn(S::f
 }
 
 /// Replaces every value by f(value, a, b).
+///
+/// # Panics
+/// If the lengths do not agree.
 #[inline(always)]
 pub fn map3<S: Simd>(
     simd: S,
@@ -89,6 +92,9 @@ fn masked<S: Simd>(simd: S, rest: &[f32], term: impl Fn(S::f32s) -> S::f32s) -> 
 }
 
 /// The product of two rows.
+///
+/// # Panics
+/// If the lengths do not agree.
 #[inline(always)]
 pub fn dot<S: Simd>(simd: S, a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len(), "rows of one length");

@@ -89,15 +89,15 @@ impl Scratch {
                     sums[1][c] = simd.mul_add_e_f32s(h[1], along, sums[1][c]);
                 }
             }
-            for c in 0..HEADS {
-                for at in c * per_head..(c + 1) * per_head {
-                    let along = along_row[at];
-                    sums[0][c] = simd.mul_add_e_f32s(rows[0][at], along, sums[0][c]);
-                    sums[1][c] = simd.mul_add_e_f32s(rows[1][at], along, sums[1][c]);
-                }
+            for (at, along) in along_row.iter().enumerate() {
+                let c = at / per_head;
+                sums[0][c] = simd.mul_add_e_f32s(rows[0][at], *along, sums[0][c]);
+                sums[1][c] = simd.mul_add_e_f32s(rows[1][at], *along, sums[1][c]);
             }
             for (pair, sums) in both.into_iter().zip(sums) {
-                out[pair] = sums.map(|sum| simd.reduce_sum_f32s(sum));
+                for (out, sum) in out[pair].iter_mut().zip(sums) {
+                    *out = simd.reduce_sum_f32s(sum);
+                }
             }
         }
     }
