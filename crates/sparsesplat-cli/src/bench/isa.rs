@@ -50,8 +50,11 @@ const LEAST_OF_GEMM: f64 = 0.5;
 const SLACK: f64 = 1.1;
 /// Rounds that are added at most where a rule is broken.
 const MORE_ROUNDS: usize = 6;
-/// Timed runs of each path and round.
+/// Timed runs of each path and round; fewer of calls that take long.
 const RUNS: usize = 5;
+const RUNS_OF_LONG: usize = 2;
+/// A call that takes longer than this is long.
+const LONG: Duration = Duration::from_millis(50);
 /// A timed run takes at least so long, of as many calls as that needs.
 const LEAST_TIME: Duration = Duration::from_millis(4);
 /// Rows of the product that is held against gemm's, and its other sides.
@@ -180,7 +183,7 @@ fn table(sets: &[Isa], found: &[Seconds]) -> Table {
 fn measure() -> Outcome<Seconds> {
     let mut seconds = Seconds::new();
     kernels(&mut seconds)?;
-    head(&mut seconds)?;
+    networks(&mut seconds)?;
     pictures(&mut seconds)?;
     Ok(seconds)
 }
@@ -189,9 +192,10 @@ fn measure() -> Outcome<Seconds> {
 fn time(seconds: &mut Seconds, path: &str, mut work: impl FnMut() -> Outcome) -> Outcome {
     let begin = Instant::now();
     work()?;
-    let calls = (LEAST_TIME.as_secs_f64() / begin.elapsed().as_secs_f64().max(1e-9)).ceil().clamp(1.0, 1e5);
+    let once = begin.elapsed();
+    let calls = (LEAST_TIME.as_secs_f64() / once.as_secs_f64().max(1e-9)).ceil().clamp(1.0, 1e5);
     let mut least = f64::INFINITY;
-    for _ in 0..RUNS {
+    for _ in 0..if once > LONG { RUNS_OF_LONG } else { RUNS } {
         let begin = Instant::now();
         for _ in 0..calls as usize {
             work()?;
@@ -243,7 +247,7 @@ fn kernels(seconds: &mut Seconds) -> Outcome {
 }
 
 /// The attention head, and DepthSplat's network.
-fn head(seconds: &mut Seconds) -> Outcome {
+fn networks(seconds: &mut Seconds) -> Outcome {
     let config = Config {
         kind: Kind::Attention,
         geometry: geometry_features(true),
@@ -279,9 +283,9 @@ fn views(size: (usize, usize), count: usize) -> Outcome<Vec<View>> {
 
 /// What works on pictures and points.
 fn pictures(seconds: &mut Seconds) -> Outcome {
-    let views = views((160, 96), 3)?;
+    let views = views((128, 80), 3)?;
     let grey: Vec<u8> = views[0].image().luma8();
-    time(seconds, "entropy", || entropy(&grey, 160, 96, EntropyWindow::default()).map(drop).or_work())?;
+    time(seconds, "entropy", || entropy(&grey, 128, 80, EntropyWindow::default()).map(drop).or_work())?;
     time(seconds, "SSIM", || image_metrics::ssim(views[0].image(), views[1].image()).map(drop).or_work())?;
     let stereo = PlaneSweep::default();
     time(seconds, "plane-sweep stereo", || {
