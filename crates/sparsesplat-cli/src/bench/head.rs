@@ -30,15 +30,25 @@ pub(crate) struct Arguments {
         value_name = "N,M,...",
         value_parser = count_above_0,
         value_delimiter = ',',
-        default_value = "10k,40k,100k,150k"
+        default_value = "10k,40k",
+        default_value_if("long", "true", "10k,40k,100k,150k")
     )]
     counts: Vec<usize>,
     /// How many neighbours of each
     #[arg(long, value_name = "K", default_value_t = 20)]
     neighbours: usize,
     /// Leave the plain form out above so many anchors: it takes some 40 kB for each
-    #[arg(long, value_name = "N", value_parser = count_above_0, default_value = "150k")]
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = count_above_0,
+        default_value = "10k",
+        default_value_if("long", "true", "150k")
+    )]
     plain_up_to: usize,
+    /// The rows that take minutes as well: 100k and 150k anchors, and the plain form of them all
+    #[arg(long)]
+    long: bool,
     /// Timed runs of each row
     #[arg(long, value_name = "N", value_parser = crate::arguments::positive, default_value_t = 3)]
     runs: usize,
@@ -130,7 +140,7 @@ fn flop(config: &Config, n: usize, k: usize) -> f64 {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    let &Arguments { ref counts, neighbours, plain_up_to, runs } = arguments;
+    let &Arguments { ref counts, neighbours, plain_up_to, runs, .. } = arguments;
     let pools = pools()?;
     let pool = pools.last().expect("there is at least one thread");
     let config = Config {
