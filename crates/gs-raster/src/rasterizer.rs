@@ -3,6 +3,7 @@
 #[cfg(feature = "gpu")]
 use crate::gpu::{self, AdapterChoice, Gpu, GpuOptions};
 use crate::{Error, Gradients, PixelGradients, RenderSettings, Rendering, Result, Style, cpu};
+use cpu_kernels::Isa;
 use gs_scene::{Camera, Gaussians};
 
 /// Where to render.
@@ -207,8 +208,10 @@ impl Rasterizer {
         let mut gradients = Gradients::zero(gaussians);
         match (&mut self.backend, &tape.views) {
             (Backend::Cpu(_), Views::Cpu(views)) => {
+                let isa = Isa::in_use();
                 for ((view, camera), pixels) in views.iter().zip(&tape.cameras).zip(pixels) {
-                    let pose = cpu::backward(gaussians, camera, &tape.settings, view, pixels, &mut gradients);
+                    let pose =
+                        cpu::backward(gaussians, camera, &tape.settings, view, pixels, &mut gradients, isa);
                     gradients.poses.push(pose);
                 }
             }

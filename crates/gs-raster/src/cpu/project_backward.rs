@@ -5,9 +5,9 @@ use super::footprint::{BLOCK, Columns, Footprint, View};
 use super::project::{CHUNK, Splat, Splats};
 use super::{math, sh};
 use crate::{Gradients, PoseGradient, RenderSettings};
+use cpu_kernels::{Isa, compiled_for};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
-use multiversion::multiversion;
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
 
@@ -19,6 +19,7 @@ pub(super) fn project_backward(
     splats: &Splats,
     order: &[u32],
     summed: &Summed,
+    isa: Isa,
     gradients: &mut Gradients,
 ) -> PoseGradient {
     let mut places = vec![0; splats.end()];
@@ -28,10 +29,10 @@ pub(super) fn project_backward(
     let view = View::new(camera, settings);
     let degree = gaussians.sh_degree();
     let chunk_backward = match degree {
-        0 => chunk_backward::<0>,
-        1 => chunk_backward::<1>,
-        2 => chunk_backward::<2>,
-        _ => chunk_backward::<3>,
+        0 => compiled::<0>,
+        1 => compiled::<1>,
+        2 => compiled::<2>,
+        _ => compiled::<3>,
     };
     let sh_row = sh_coefficients(degree) * 3;
     let poses: Vec<PoseGradient> = splats
@@ -43,7 +44,7 @@ pub(super) fn project_backward(
         .zip(gradients.sh.par_chunks_mut(CHUNK * sh_row))
         .map(|(((((splats, places), geometry), sh), geometry_gradients), sh_gradients)| {
             let chunk = Chunk { splats, places, geometry, sh, geometry_gradients, sh_gradients };
-            chunk_backward(chunk, &view, summed)
+            chunk_backward(isa, chunk, &view, summed)
         })
         .collect();
     let mut sum = PoseGradient { rotation: DMat3::ZERO, translation: DVec3::ZERO };
@@ -65,7 +66,11 @@ struct Chunk<'a> {
     sh_gradients: &'a mut [f32],
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
+fn compiled<const DEGREE: usize>(isa: Isa, chunk: Chunk, view: &View, summed: &Summed) -> PoseGradient {
+    compiled_for(isa, || chunk_backward::<DEGREE>(chunk, view, summed))
+}
+
+#[inline(always)]
 fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summed) -> PoseGradient {
     let coefficients = sh_coefficients(DEGREE);
     let mut stored = Columns::new();
