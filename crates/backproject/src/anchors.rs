@@ -3,6 +3,7 @@ use crate::lift::{CHUNK, Lift, Lifted, Place, lift, split};
 use crate::normals::{NormalFit, Surface};
 use crate::views::{Dropped, ViewPixels, check, count_dropped, is_kept};
 use crate::{Error, Result};
+use cpu_kernels::{Isa, compiled_for};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;

@@ -148,8 +148,8 @@ fn draw(
     let mut image = Image::filled(width, height, settings.background)?;
     let mut alpha = vec![0.0; width * height];
     let mut depth = vec![0.0; if settings.depth { width * height } else { 0 }];
-    let lists = blend::Lists { splats: &frame.splats, bins: &frame.bins, grid };
-    let traces = blend::blend(lists, settings, record, isa, image.data_mut(), &mut alpha, &mut depth);
+    let lists = blend::Lists { splats: &frame.splats, bins: &frame.bins, grid, isa };
+    let traces = blend::blend(lists, settings, record, image.data_mut(), &mut alpha, &mut depth);
     seconds.blend = start.elapsed().as_secs_f64();
 
     let stats = RenderStats {
@@ -161,29 +161,39 @@ fn draw(
     Ok((Rendering { image, alpha, depth: settings.depth.then_some(depth), stats }, traces))
 }
 
+/// Shares of Gaussians in the pixels of a view that are asked for.
+pub(crate) struct Shares<'a> {
+    /// One number v per pixel.
+    pub(crate) values: &'a [f32],
+    /// (Σ w, Σ w v) of each Gaussian, w its share in a pixel, so far.
+    pub(crate) sums: &'a mut [[f32; 2]],
+}
+
 /// Adds this view's derivatives to `gradients`, which are of the scene that was recorded, and returns those by its pose.
+/// Adds its shares if they are asked for.
 pub(crate) fn backward(
     gaussians: &Gaussians,
     camera: &Camera,
     settings: &RenderSettings,
     tape: &Tape,
     pixels: &PixelGradients,
-    gradients: &mut Gradients,
+    (gradients, shares): (&mut Gradients, Option<Shares>),
     isa: Isa,
 ) -> PoseGradient {
+    let (values, shares) = shares.map(|Shares { values, sums }| (values, sums)).unzip();
     let grid = Grid::new(camera.width(), camera.height());
-    let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid };
+    let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid, isa };
     let order = tape.frame.order.indices();
-    let summed = blend_backward::sum(lists, settings, &tape.traces, pixels, isa, &mut gradients.background);
+    let summed =
+        blend_backward::sum(lists, settings, &tape.traces, (pixels, values), &mut gradients.background);
     project_backward::project_backward(
         gaussians,
         camera,
         settings,
-        lists.splats,
-        order,
+        (lists, order),
         &summed,
-        isa,
         gradients,
+        shares,
     )
 }
 
@@ -228,7 +238,9 @@ mod tests {
             depth: depth.then(|| plane(n, 3)),
         };
         let mut gradients = Gradients::zero(&scene);
-        let pose = backward(&scene, &camera, &settings, &tape, &pixels, &mut gradients, isa);
+        let (values, mut shares): (Vec<f32>, _) = (plane(n, 4), vec![[0.0; 2]; scene.len()]);
+        let of_shares = Some(Shares { values: &values, sums: &mut shares });
+        let pose = backward(&scene, &camera, &settings, &tape, &pixels, (&mut gradients, of_shares), isa);
         let pose = [pose.rotation.to_cols_array().as_slice(), &pose.translation.to_array()].concat();
         vec![
             ("image", rendering.image.data().to_vec()),
@@ -236,6 +248,7 @@ mod tests {
             ("depth", rendering.depth.unwrap_or_default()),
             ("gradients by geometry", gradients.geometry),
             ("gradients by colours", gradients.sh),
+            ("shares", shares.into_flattened()),
             ("gradients by the pose", pose.into_iter().map(|value| value as f32).collect()),
         ]
     }

@@ -71,12 +71,13 @@ impl Limits {
     }
 }
 
-/// What blending reads.
+/// What blending reads, and the instruction set that it uses.
 #[derive(Clone, Copy)]
 pub(super) struct Lists<'a> {
     pub(super) splats: &'a Splats,
     pub(super) bins: &'a Bins,
     pub(super) grid: Grid,
+    pub(super) isa: Isa,
 }
 
 /// Blends every tile into `image` `[h, w, 3]`, `alpha` `[h, w]` and `depth` (`[h, w]`, or empty if not asked for). Returns
@@ -85,7 +86,6 @@ pub(super) fn blend(
     lists: Lists,
     settings: &RenderSettings,
     record: bool,
-    isa: Isa,
     image: &mut [f32],
     alpha: &mut [f32],
     depth: &mut [f32],
@@ -114,7 +114,7 @@ pub(super) fn blend(
                 .into_par_iter()
                 .map(|column| {
                     let mut tile = Tile::new(grid, column, row);
-                    blend_tile(isa, &mut tile, lists, row * grid.columns + column, limits);
+                    blend_tile(&mut tile, lists, row * grid.columns + column, limits);
                     tile
                 })
                 .collect();
@@ -310,13 +310,12 @@ pub(super) fn origin(grid: Grid, tile: usize) -> [u32; 2] {
 
 /// Adds the splats of tile number `index` to `tile`.
 fn blend_tile<const DEPTH: bool, const RECORD: bool>(
-    isa: Isa,
     tile: &mut Tile,
     lists: Lists,
     index: usize,
     limits: Limits,
 ) {
-    dispatch(isa, Blend::<DEPTH, RECORD> { tile, lists, index, limits });
+    dispatch(lists.isa, Blend::<DEPTH, RECORD> { tile, lists, index, limits });
 }
 
 struct Blend<'a, const DEPTH: bool, const RECORD: bool> {

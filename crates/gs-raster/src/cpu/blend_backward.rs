@@ -12,44 +12,52 @@ use super::blend::{
 use super::project::{BATCH, Splat};
 use super::{Grid, TILE};
 use crate::{PixelGradients, RenderSettings};
+use cpu_kernels::dispatch;
 use cpu_kernels::pulp::{Simd, WithSimd};
-use cpu_kernels::{Isa, dispatch};
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
 /// Sums over pixels of s = ∂L/∂log₂α, of its products with the distances (dx, dy) of [`Touch`](super::blend::Touch), and of the gradients by
-/// colour and z-depth: s, s dx, s dx², s dy, s dy², s dx dy, red, green, blue, depth.
+/// colour and z-depth: s, s dx, s dx², s dy, s dy², s dx dy, red, green, blue, depth. Then, of the splat's share w in a
+/// pixel, Σ w and Σ w v with v the values to be weighted.
 pub(super) type Moments = [f32; MOMENTS];
-pub(super) const MOMENTS: usize = 10;
+pub(super) const MOMENTS: usize = 12;
+/// Where the sums of shares are among the moments.
+pub(super) const SHARES: usize = 10;
 
 /// The sums of all splats.
 pub(super) struct Summed {
-    /// In the order of depth, of the gradients by pixels times a power of two that makes them small: what is finite does
+    /// In the order of depth; but for shares, of the gradients by pixels times a power of two that makes them small: what is finite does
     /// not overflow on the way, and what is tiny keeps its digits.
     pub(super) moments: Vec<Moments>,
     /// What they are to be multiplied by.
     pub(super) unit: f64,
 }
 
-/// Sums the gradients of each splat over its pixels, and adds the gradient by the background to `background`.
+/// Sums the gradients of each splat over its pixels, and adds the gradient by the background to `background`. Shares are
+/// summed if there are `values`, one per pixel.
 pub(super) fn sum(
     lists: Lists,
     settings: &RenderSettings,
     traces: &[Trace],
-    pixels: &PixelGradients,
-    isa: Isa,
+    (pixels, values): (&PixelGradients, Option<&[f32]>),
     background: &mut [f64; 3],
 ) -> Summed {
     let unit = unit(pixels);
     let limits = Limits::new(settings);
-    let blend_tile = if pixels.depth.is_some() { blend_tile::<true> } else { blend_tile::<false> };
+    let blend_tile = match (pixels.depth.is_some(), values.is_some()) {
+        (false, false) => blend_tile::<false, false>,
+        (false, true) => blend_tile::<false, true>,
+        (true, false) => blend_tile::<true, false>,
+        (true, true) => blend_tile::<true, true>,
+    };
     let tiles: Vec<(Vec<Moments>, [f64; 3])> = traces
         .par_iter()
         .enumerate()
         .map(|(index, trace)| {
-            let mut tile = Tile::new(lists.grid, index, trace, pixels, settings, unit);
+            let mut tile = Tile::new(lists.grid, index, trace, (pixels, values), settings, unit);
             let mut moments = vec![[0.0; MOMENTS]; lists.bins.len(index)];
-            blend_tile(isa, &mut tile, &mut moments, lists, index, limits);
+            blend_tile(&mut tile, &mut moments, lists, index, limits);
             (moments, tile.background)
         })
         .collect();
@@ -100,6 +108,8 @@ struct Tile {
     /// The gradients by colour and, divided by Σ w, by expected depth.
     rgb: [Plane; 3],
     depth: Plane,
+    /// The values that are weighted by shares.
+    values: Plane,
     /// Expected depth, from `nearest`.
     expected: Plane,
     nearest: f32,
@@ -118,13 +128,14 @@ impl Tile {
         grid: Grid,
         index: usize,
         trace: &Trace,
-        pixels: &PixelGradients,
+        (pixels, values): (&PixelGradients, Option<&[f32]>),
         settings: &RenderSettings,
         unit: f64,
     ) -> Box<Self> {
         let mut tile = Box::new(Self {
             rgb: [[[0.0; LANES]; PATCHES]; 3],
             depth: [[0.0; LANES]; PATCHES],
+            values: [[0.0; LANES]; PATCHES],
             expected: [[0.0; LANES]; PATCHES],
             nearest: trace.nearest,
             transmittance: trace.transmittance.map(|patch| patch.map(f32::abs)),
@@ -150,6 +161,9 @@ impl Tile {
                     behind -= scaled(alpha[at]);
                 }
                 tile.behind[patch][lane] = behind;
+                if let Some(values) = values {
+                    tile.values[patch][lane] = values[at];
+                }
                 if let Some(depth) = &pixels.depth
                     && trace.weight[patch][lane] > 0.0
                 {
@@ -163,18 +177,17 @@ impl Tile {
 }
 
 /// The moments of the splats of tile number `index`, in the order of its list.
-fn blend_tile<const DEPTH: bool>(
-    isa: Isa,
+fn blend_tile<const DEPTH: bool, const SHARED: bool>(
     tile: &mut Tile,
     moments: &mut [Moments],
     lists: Lists,
     index: usize,
     limits: Limits,
 ) {
-    dispatch(isa, Blend::<DEPTH> { tile, moments, lists, index, limits });
+    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, moments, lists, index, limits });
 }
 
-struct Blend<'a, const DEPTH: bool> {
+struct Blend<'a, const DEPTH: bool, const SHARED: bool> {
     tile: &'a mut Tile,
     moments: &'a mut [Moments],
     lists: Lists<'a>,
@@ -182,7 +195,7 @@ struct Blend<'a, const DEPTH: bool> {
     limits: Limits,
 }
 
-impl<const DEPTH: bool> WithSimd for Blend<'_, DEPTH> {
+impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED> {
     type Output = ();
 
     #[inline(always)]
@@ -208,22 +221,30 @@ impl<const DEPTH: bool> WithSimd for Blend<'_, DEPTH> {
                 for y in local.rows.clone() {
                     for v in 0..LANES / S::F32_LANES {
                         if let Some(row) = local.row(simd, y, v) {
-                            let mut sums = Sums::<S> { s: [zero; 3], weight: [zero; 4] };
+                            let mut sums = Sums::<S> { s: [zero; 3], weight: [zero; 6] };
                             for x in local.columns.clone() {
                                 let at = Place { patch: (y * SIDE + x) % PATCHES, v, x, place };
-                                blend_vector::<S, DEPTH>(simd, tile, splat, at, &row, limits, &mut sums);
+                                blend_vector::<S, DEPTH, SHARED>(
+                                    simd, tile, splat, at, &row, limits, &mut sums,
+                                );
                             }
-                            sums.add_to::<DEPTH>(simd, row.dy, &mut found);
+                            sums.add_to::<DEPTH, SHARED>(simd, row.dy, &mut found);
                         }
                     }
                 }
-                let moments = moments[place as usize - 1].iter_mut();
-                for (moment, lanes) in moments.zip(found).take(if DEPTH { MOMENTS } else { MOMENTS - 1 }) {
-                    *moment = simd.reduce_sum_f32s(lanes);
+                let moments = &mut moments[place as usize - 1];
+                for k in summed::<DEPTH, SHARED>() {
+                    moments[k] = simd.reduce_sum_f32s(found[k]);
                 }
             }
         }
     }
+}
+
+/// Which moments are asked for.
+#[inline(always)]
+fn summed<const DEPTH: bool, const SHARED: bool>() -> impl Iterator<Item = usize> {
+    (0..MOMENTS).filter(|&k| if k >= SHARES { SHARED } else { k < 9 || DEPTH })
 }
 
 /// Which patch of a tile and vector of the patch, in which column of patches, and which splat of the tile, counted from 1.
@@ -235,16 +256,22 @@ struct Place {
     place: u32,
 }
 
-/// Sums of a splat over the patches of a row: s, s dx, s dx²; and the gradients by colour and depth. Along a row dy is the
+/// Sums of a splat over the patches of a row: s, s dx, s dx²; and of its share the products with the gradients by colour and
+/// depth, the share itself and its product with the values. Along a row dy is the
 /// same, so that its products are made at the end.
 struct Sums<S: Simd> {
     s: [S::f32s; 3],
-    weight: [S::f32s; 4],
+    weight: [S::f32s; 6],
 }
 
 impl<S: Simd> Sums<S> {
     #[inline(always)]
-    fn add_to<const DEPTH: bool>(self, simd: S, dy: S::f32s, found: &mut [S::f32s; MOMENTS]) {
+    fn add_to<const DEPTH: bool, const SHARED: bool>(
+        self,
+        simd: S,
+        dy: S::f32s,
+        found: &mut [S::f32s; MOMENTS],
+    ) {
         let [s, s_dx, s_dxdx] = self.s;
         let s_dy = simd.mul_f32s(s, dy);
         found[0] = simd.add_f32s(found[0], s);
@@ -253,15 +280,15 @@ impl<S: Simd> Sums<S> {
         found[3] = simd.add_f32s(found[3], s_dy);
         found[4] = simd.mul_add_e_f32s(s_dy, dy, found[4]);
         found[5] = simd.mul_add_e_f32s(s_dx, dy, found[5]);
-        for k in 0..if DEPTH { 4 } else { 3 } {
-            found[6 + k] = simd.add_f32s(found[6 + k], self.weight[k]);
+        for k in summed::<DEPTH, SHARED>().filter(|&k| k >= 6) {
+            found[k] = simd.add_f32s(found[k], self.weight[k - 6]);
         }
     }
 }
 
 /// Takes a splat from a vector of pixels, and adds what its gradients are there.
 #[inline(always)]
-fn blend_vector<S: Simd, const DEPTH: bool>(
+fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
     simd: S,
     tile: &mut Tile,
     splat: &Splat,
@@ -296,6 +323,11 @@ fn blend_vector<S: Simd, const DEPTH: bool>(
         let from_expected = simd.sub_f32s(number(splat.depth - tile.nearest), expected);
         q = simd.mul_add_e_f32s(depth, from_expected, q);
         sums.weight[3] = simd.mul_add_e_f32s(weight, depth, sums.weight[3]);
+    }
+    if SHARED {
+        let value = vectors::<S>(&tile.values[patch])[v];
+        sums.weight[4] = simd.add_f32s(sums.weight[4], weight);
+        sums.weight[5] = simd.mul_add_e_f32s(weight, value, sums.weight[5]);
     }
     let behind = &mut vectors_mut::<S>(&mut tile.behind[patch])[v];
     let nearer = simd.sub_f32s(q, *behind);

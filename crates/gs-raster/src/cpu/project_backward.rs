@@ -1,8 +1,9 @@
 //! From sums per splat to gradients by what is stored and by the pose: [`Footprint`] and the colours backwards, in f64.
 
-use super::blend_backward::{MOMENTS, Summed, finite};
+use super::blend::Lists;
+use super::blend_backward::{MOMENTS, SHARES, Summed, finite};
 use super::footprint::{BLOCK, Columns, Footprint, View};
-use super::project::{CHUNK, Splat, Splats};
+use super::project::{CHUNK, Splat};
 use super::{math, sh};
 use crate::{Gradients, PoseGradient, RenderSettings};
 use cpu_kernels::{Isa, compiled_for};
@@ -11,16 +12,16 @@ use gs_scene::{Camera, Gaussians, sh_coefficients};
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
 
-/// Adds the gradients of the splats, whose sums are in `order`, to `gradients`; returns those by the pose.
+/// Adds the gradients of the splats, whose sums are in `order`, to `gradients`, and the sums of their shares to `shares`
+/// if there are any; returns the gradients by the pose.
 pub(super) fn project_backward(
     gaussians: &Gaussians,
     camera: &Camera,
     settings: &RenderSettings,
-    splats: &Splats,
-    order: &[u32],
+    (Lists { splats, isa, .. }, order): (Lists, &[u32]),
     summed: &Summed,
-    isa: Isa,
     gradients: &mut Gradients,
+    shares: Option<&mut [[f32; 2]]>,
 ) -> PoseGradient {
     let mut places = vec![0; splats.end()];
     for (place, &index) in (0u32..).zip(order) {
@@ -35,6 +36,10 @@ pub(super) fn project_backward(
         _ => compiled::<3>,
     };
     let sh_row = sh_coefficients(degree) * 3;
+    let mut shares: Vec<&mut [[f32; 2]]> = match shares {
+        Some(shares) => shares.chunks_mut(CHUNK).collect(),
+        None => (0..gaussians.len().div_ceil(CHUNK)).map(|_| <&mut [[f32; 2]]>::default()).collect(),
+    };
     let poses: Vec<PoseGradient> = splats
         .chunks()
         .zip(places.par_chunks(CHUNK))
@@ -42,8 +47,9 @@ pub(super) fn project_backward(
         .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
         .zip(gradients.geometry.par_chunks_mut(CHUNK * Gaussians::GEOMETRY))
         .zip(gradients.sh.par_chunks_mut(CHUNK * sh_row))
-        .map(|(((((splats, places), geometry), sh), geometry_gradients), sh_gradients)| {
-            let chunk = Chunk { splats, places, geometry, sh, geometry_gradients, sh_gradients };
+        .zip(&mut shares)
+        .map(|((((((splats, places), geometry), sh), geometry_gradients), sh_gradients), shares)| {
+            let chunk = Chunk { splats, places, geometry, sh, geometry_gradients, sh_gradients, shares };
             chunk_backward(isa, chunk, &view, summed)
         })
         .collect();
@@ -64,6 +70,8 @@ struct Chunk<'a> {
     sh: &'a [f32],
     geometry_gradients: &'a mut [f32],
     sh_gradients: &'a mut [f32],
+    /// Empty if nobody asks for them.
+    shares: &'a mut [[f32; 2]],
 }
 
 fn compiled<const DEGREE: usize>(isa: Isa, chunk: Chunk, view: &View, summed: &Summed) -> PoseGradient {
@@ -85,9 +93,13 @@ fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summe
         for (at, (splat, moments)) in splats.iter().zip(&moments).enumerate() {
             let row = splat.gaussian as usize;
             stored.set(at, &chunk.geometry[row * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY]);
-            block.active[at] = moments.iter().any(|&moment| moment != 0.0);
+            block.active[at] = moments[..SHARES].iter().any(|&moment| moment != 0.0);
             for (column, &moment) in block.moments.iter_mut().zip(moments) {
                 column[at] = moment;
+            }
+            if let Some(shares) = chunk.shares.get_mut(row) {
+                add(&mut shares[0], moments[SHARES]);
+                add(&mut shares[1], moments[SHARES + 1]);
             }
             let rgb = colour_gradient(splat, moments);
             let sh = &chunk.sh[row * coefficients * 3..][..coefficients * 3];
@@ -143,7 +155,7 @@ fn colour_gradient(splat: &Splat, moments: &[f32; MOMENTS]) -> [f32; 3] {
 struct Block {
     /// Whether the Gaussian has any gradient; elsewhere all columns may hold anything.
     active: [bool; BLOCK],
-    moments: [[f32; BLOCK]; MOMENTS],
+    moments: [[f32; BLOCK]; SHARES],
     /// Per SH coefficient, the gradient by its basis function; and the basis.
     weights: [[f32; BLOCK]; sh::COEFFICIENTS_MAX],
     basis: [[f32; BLOCK]; sh::COEFFICIENTS_MAX],
@@ -158,7 +170,7 @@ impl Block {
     fn new() -> Self {
         Self {
             active: [false; BLOCK],
-            moments: [[0.0; BLOCK]; MOMENTS],
+            moments: [[0.0; BLOCK]; SHARES],
             weights: [[0.0; BLOCK]; sh::COEFFICIENTS_MAX],
             basis: [[0.0; BLOCK]; sh::COEFFICIENTS_MAX],
             shift: [[0.0; BLOCK]; 3],
