@@ -184,7 +184,9 @@ fn blend_tile<const DEPTH: bool, const SHARED: bool>(
     index: usize,
     limits: Limits,
 ) {
-    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, moments, lists, index, limits });
+    // Out here, where the compiler has no vectors that gather.
+    let deepest = tile.last.iter().flatten().copied().fold(0, u32::max);
+    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, moments, lists, index, limits, deepest });
 }
 
 struct Blend<'a, const DEPTH: bool, const SHARED: bool> {
@@ -193,6 +195,8 @@ struct Blend<'a, const DEPTH: bool, const SHARED: bool> {
     lists: Lists<'a>,
     index: usize,
     limits: Limits,
+    /// Place of the last splat that is drawn in any pixel, counted from 1.
+    deepest: u32,
 }
 
 impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED> {
@@ -200,9 +204,8 @@ impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { tile, moments, lists, index, limits } = self;
+        let Self { tile, moments, lists, index, limits, deepest } = self;
         let origin = origin(lists.grid, index);
-        let deepest = tile.last.iter().flatten().copied().fold(0, u32::max);
         let mut place = moments.len() as u32 + 1;
         let mut batch = [Splat::NONE; BATCH];
         for indices in lists.bins.pieces(index).rev().flat_map(|piece| piece.rchunks(BATCH)) {
@@ -304,41 +307,42 @@ fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
     if !any(simd, drawn) {
         return;
     }
+    // What is needed last is made first, of as few vectors as there are: AVX2 has sixteen.
     let (unclamped, alpha) = touch.alpha(simd, limits);
+    // A clamped opacity does not follow the splat.
+    let clamped = simd.greater_than_f32s(unclamped, number(limits.alpha_max));
+    let follows = simd.and_m32s(drawn, simd.not_m32s(clamped));
     let transmittance = &mut vectors_mut::<S>(&mut tile.transmittance[patch])[v];
     let before = simd.div_f32s(*transmittance, simd.sub_f32s(number(1.0), alpha));
     *transmittance = simd.select_f32s(drawn, before, *transmittance);
+    let slope = simd.mul_f32s(simd.mul_f32s(number(LN_2), alpha), before);
     let weight = simd.select_f32s(drawn, simd.mul_f32s(before, alpha), number(0.0));
+    let share = simd.select_f32s(drawn, alpha, number(0.0));
 
-    let rgb = [0, 1, 2].map(|channel| vectors::<S>(&tile.rgb[channel][patch])[v]);
-    let mut q = simd.mul_f32s(rgb[0], number(splat.rgb[0]));
-    q = simd.mul_add_e_f32s(rgb[1], number(splat.rgb[1]), q);
-    q = simd.mul_add_e_f32s(rgb[2], number(splat.rgb[2]), q);
-    for channel in 0..3 {
-        sums.weight[channel] = simd.mul_add_e_f32s(weight, rgb[channel], sums.weight[channel]);
-    }
-    if DEPTH {
-        let depth = vectors::<S>(&tile.depth[patch])[v];
-        let expected = vectors::<S>(&tile.expected[patch])[v];
-        let from_expected = simd.sub_f32s(number(splat.depth - tile.nearest), expected);
-        q = simd.mul_add_e_f32s(depth, from_expected, q);
-        sums.weight[3] = simd.mul_add_e_f32s(weight, depth, sums.weight[3]);
-    }
     if SHARED {
         let value = vectors::<S>(&tile.values[patch])[v];
         sums.weight[4] = simd.add_f32s(sums.weight[4], weight);
         sums.weight[5] = simd.mul_add_e_f32s(weight, value, sums.weight[5]);
     }
+    let rgb = [0, 1, 2].map(|channel| vectors::<S>(&tile.rgb[channel][patch])[v]);
+    for channel in 0..3 {
+        sums.weight[channel] = simd.mul_add_e_f32s(weight, rgb[channel], sums.weight[channel]);
+    }
+    let mut q = simd.mul_f32s(rgb[0], number(splat.rgb[0]));
+    q = simd.mul_add_e_f32s(rgb[1], number(splat.rgb[1]), q);
+    q = simd.mul_add_e_f32s(rgb[2], number(splat.rgb[2]), q);
+    if DEPTH {
+        let depth = vectors::<S>(&tile.depth[patch])[v];
+        sums.weight[3] = simd.mul_add_e_f32s(weight, depth, sums.weight[3]);
+        let expected = vectors::<S>(&tile.expected[patch])[v];
+        let from_expected = simd.sub_f32s(number(splat.depth - tile.nearest), expected);
+        q = simd.mul_add_e_f32s(depth, from_expected, q);
+    }
     let behind = &mut vectors_mut::<S>(&mut tile.behind[patch])[v];
     let nearer = simd.sub_f32s(q, *behind);
-    let share = simd.select_f32s(drawn, alpha, number(0.0));
     *behind = simd.mul_add_e_f32s(share, nearer, *behind);
 
-    // A clamped opacity does not follow the splat.
-    let clamped = simd.greater_than_f32s(unclamped, number(limits.alpha_max));
-    let slope = simd.mul_f32s(simd.mul_f32s(simd.mul_f32s(number(LN_2), alpha), before), nearer);
-    let follows = simd.and_m32s(drawn, simd.not_m32s(clamped));
-    let s = simd.select_f32s(follows, slope, number(0.0));
+    let s = simd.select_f32s(follows, simd.mul_f32s(slope, nearer), number(0.0));
     let s_dx = simd.mul_f32s(s, touch.dx);
     sums.s[0] = simd.add_f32s(sums.s[0], s);
     sums.s[1] = simd.add_f32s(sums.s[1], s_dx);
