@@ -3,6 +3,7 @@ use crate::lift::{CHUNK, Lift, Lifted, Place, lift, split};
 use crate::normals::{NormalFit, Surface};
 use crate::views::{Dropped, ViewPixels, check, count_dropped, is_kept};
 use crate::{Error, Result};
+use cpu_kernels::{Isa, compiled_for};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -138,10 +139,11 @@ pub fn anchors(views: &[ViewPixels], settings: &Settings) -> Result<Backprojecte
         .zip(&dropped_of)
         .map(|(&(view, pixels), dropped)| (view, pixels, rest.split_off(pixels.len() - dropped.total())))
         .collect();
+    let isa = Isa::in_use();
     let sources: Vec<Source> = views.iter().map(|view| Source::new(view, settings)).collect();
     tasks.into_par_iter().for_each(|(view, pixels, slots)| {
         slots.views.fill(view as u32);
-        sources[view].fill(pixels, slots);
+        sources[view].fill(isa, pixels, slots);
     });
     Ok(Backprojected { anchors, ranges, dropped })
 }
@@ -230,7 +232,7 @@ impl<'a> Source<'a> {
     }
 
     /// Fills the slots from at most [`CHUNK`] chosen pixels, of which as many are kept as there are slots.
-    fn fill(&self, chosen: &[u32], slots: Slots) {
+    fn fill(&self, isa: Isa, chosen: &[u32], slots: Slots) {
         let Slots { positions, normals, rays, depths, footprints, colours, features, pixels, .. } = slots;
         let depth_of = |pixel: u32| self.view.depth[pixel as usize];
         let kept = chosen.iter().filter(|&&pixel| is_kept(depth_of(pixel), self.far));
@@ -241,9 +243,10 @@ impl<'a> Source<'a> {
         let mut buffer = [Place::default(); CHUNK];
         let places = &mut buffer[..pixels.len()];
         split(pixels, self.view.camera.width(), places);
-        lift(&self.lift, places, depths, Lifted { positions, rays, footprints });
+        let lifted = Lifted { positions, rays, footprints };
+        compiled_for(isa, || lift(&self.lift, places, depths, lifted));
         if let Some(surface) = &self.surface {
-            surface.normals(places, normals);
+            surface.normals(isa, places, normals);
         }
         if let Some(image) = self.view.image {
             let rgb = image.data().as_chunks::<3>().0;
@@ -252,7 +255,7 @@ impl<'a> Source<'a> {
             }
         }
         if let Some(look_up) = &self.features {
-            look_up.features(places, features);
+            look_up.features(isa, places, features);
         }
     }
 }

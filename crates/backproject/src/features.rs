@@ -4,8 +4,8 @@
 //! (c = column + ½) therefore looks up c · map size / picture size - ½, clamped to the centres of the border.
 
 use crate::lift::{CHUNK, Place};
+use cpu_kernels::{Isa, compiled_for};
 use gs_scene::FeatureMap;
-use multiversion::multiversion;
 
 /// A feature map, and where the columns and rows of a picture look it up.
 pub(crate) struct LookUp<'a> {
@@ -57,7 +57,7 @@ impl<'a> LookUp<'a> {
     }
 
     /// Features of at most [`CHUNK`] places, `[n, channels]`.
-    pub(crate) fn features(&self, places: &[Place], out: &mut [f32]) {
+    pub(crate) fn features(&self, isa: Isa, places: &[Place], out: &mut [f32]) {
         let channels = self.map.channels();
         let mut taps = [Taps::default(); CHUNK];
         let taps = &mut taps[..places.len()];
@@ -73,17 +73,12 @@ impl<'a> LookUp<'a> {
         }
         let rest = channels - channels % TOGETHER;
         for channel in (0..rest).step_by(TOGETHER) {
-            blend_together(self.map, channel, taps, out);
+            compiled_for(isa, || blend::<TOGETHER>(self.map, channel, taps, out));
         }
         for channel in rest..channels {
             blend::<1>(self.map, channel, taps, out);
         }
     }
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn blend_together(map: &FeatureMap, channel: usize, taps: &[Taps], out: &mut [f32]) {
-    blend::<TOGETHER>(map, channel, taps, out);
 }
 
 /// Channels `channel..channel + N` of all places.

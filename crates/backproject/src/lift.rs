@@ -2,7 +2,6 @@
 
 use glam::{DMat3, DVec2, DVec3};
 use gs_scene::{Camera, Intrinsics};
-use multiversion::multiversion;
 
 /// Anchors that are computed together.
 pub(crate) const CHUNK: usize = 256;
@@ -62,7 +61,7 @@ impl Lift {
 }
 
 /// Lifts pixels at their z-depths.
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[inline(always)]
 pub(crate) fn lift(lift: &Lift, places: &[Place], depths: &[f32], out: Lifted) {
     let out = out.positions.iter_mut().zip(out.rays).zip(out.footprints);
     for ((place, &z), ((position, unit), footprint)) in places.iter().zip(depths).zip(out) {

@@ -11,9 +11,9 @@
 use crate::lift::Place;
 use crate::views::check_geometry;
 use crate::{Error, Result};
+use cpu_kernels::{Isa, compiled_for};
 use glam::DMat3;
 use gs_scene::{Camera, Intrinsics};
-use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// How normals are fitted.
@@ -60,12 +60,12 @@ const MIN_SUPPORT: f64 = 4.0;
 pub fn normals(depth: &[f32], camera: &Camera, fit: NormalFit) -> Result<Vec<[f32; 3]>> {
     fit.check()?;
     check_geometry(0, camera, depth)?;
-    let width = camera.width();
+    let (width, isa) = (camera.width(), Isa::in_use());
     let surface = Surface::new(camera, depth, fit);
     let mut out = vec![[0f32; 3]; depth.len()];
     out.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
         let row: Vec<Place> = (0..width).map(|x| Place { x: x as u32, y: y as u32 }).collect();
-        surface.normals(&row, out);
+        surface.normals(isa, &row, out);
     });
     Ok(out)
 }
@@ -104,8 +104,8 @@ impl<'a> Surface<'a> {
     }
 
     /// Normals at `places`, as [`normals`].
-    pub(crate) fn normals(&self, places: &[Place], out: &mut [[f32; 3]]) {
-        normals_of(self, places, out);
+    pub(crate) fn normals(&self, isa: Isa, places: &[Place], out: &mut [[f32; 3]]) {
+        compiled_for(isa, || normals_of(self, places, out));
     }
 
     /// `N` depths of row `y` from column `x` on; 0, no depth, outside the picture, where both may have wrapped to.
@@ -182,7 +182,7 @@ impl<'a> Surface<'a> {
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[inline(always)]
 fn normals_of(surface: &Surface, places: &[Place], out: &mut [[f32; 3]]) {
     for (places, out) in places.chunks(LANES).zip(out.chunks_mut(LANES)) {
         // The last group is filled up with its last place.

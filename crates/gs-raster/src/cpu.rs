@@ -19,6 +19,7 @@ use crate::{
     Error, Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result,
     StageSeconds, Style, TILE,
 };
+use cpu_kernels::Isa;
 use gs_scene::{Camera, Gaussians, Image};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -98,9 +99,9 @@ pub(crate) fn render(
         Style::Blended => {
             let mut tape =
                 Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
-            Ok(draw(gaussians, camera, settings, &mut tape.frame, false)?.0)
+            Ok(draw(gaussians, camera, settings, &mut tape.frame, false, Isa::in_use())?.0)
         }
-        Style::Ellipsoids => ellipsoids::render(gaussians, camera, settings),
+        Style::Ellipsoids => ellipsoids::render(gaussians, camera, settings, Isa::in_use()),
     }
 }
 
@@ -112,7 +113,7 @@ pub(crate) fn record(
     scratch: &Scratch,
 ) -> Result<(Rendering, Tape)> {
     let mut tape = Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
-    let (rendering, traces) = draw(gaussians, camera, settings, &mut tape.frame, true)?;
+    let (rendering, traces) = draw(gaussians, camera, settings, &mut tape.frame, true, Isa::in_use())?;
     tape.traces = traces;
     Ok((rendering, tape))
 }
@@ -123,13 +124,14 @@ fn draw(
     settings: &RenderSettings,
     frame: &mut Frame,
     record: bool,
+    isa: Isa,
 ) -> Result<(Rendering, Vec<blend::Trace>)> {
     let (width, height) = (camera.width(), camera.height());
     let grid = Grid::new(width, height);
     let mut seconds = StageSeconds::default();
 
     let start = Instant::now();
-    frame.splats.project(gaussians, camera, settings, grid);
+    frame.splats.project(gaussians, camera, settings, grid, isa);
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
@@ -146,7 +148,7 @@ fn draw(
     let mut image = Image::filled(width, height, settings.background)?;
     let mut alpha = vec![0.0; width * height];
     let mut depth = vec![0.0; if settings.depth { width * height } else { 0 }];
-    let lists = blend::Lists { splats: &frame.splats, bins: &frame.bins, grid };
+    let lists = blend::Lists { splats: &frame.splats, bins: &frame.bins, grid, isa };
     let traces = blend::blend(lists, settings, record, image.data_mut(), &mut alpha, &mut depth);
     seconds.blend = start.elapsed().as_secs_f64();
 
@@ -159,18 +161,129 @@ fn draw(
     Ok((Rendering { image, alpha, depth: settings.depth.then_some(depth), stats }, traces))
 }
 
+/// Shares of Gaussians in the pixels of a view that are asked for.
+pub(crate) struct Shares<'a> {
+    /// One number v per pixel.
+    pub(crate) values: &'a [f32],
+    /// (Σ w, Σ w v) of each Gaussian, w its share in a pixel, so far.
+    pub(crate) sums: &'a mut [[f32; 2]],
+}
+
 /// Adds this view's derivatives to `gradients`, which are of the scene that was recorded, and returns those by its pose.
+/// Adds its shares if they are asked for.
 pub(crate) fn backward(
     gaussians: &Gaussians,
     camera: &Camera,
     settings: &RenderSettings,
     tape: &Tape,
     pixels: &PixelGradients,
-    gradients: &mut Gradients,
+    (gradients, shares): (&mut Gradients, Option<Shares>),
+    isa: Isa,
 ) -> PoseGradient {
+    let (values, shares) = shares.map(|Shares { values, sums }| (values, sums)).unzip();
     let grid = Grid::new(camera.width(), camera.height());
-    let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid };
+    let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid, isa };
     let order = tape.frame.order.indices();
-    let summed = blend_backward::sum(lists, settings, &tape.traces, pixels, &mut gradients.background);
-    project_backward::project_backward(gaussians, camera, settings, lists.splats, order, &summed, gradients)
+    let summed =
+        blend_backward::sum(lists, settings, &tape.traces, (pixels, values), &mut gradients.background);
+    project_backward::project_backward(
+        gaussians,
+        camera,
+        settings,
+        (lists, order),
+        &summed,
+        gradients,
+        shares,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec3};
+    use gs_scene::{Intrinsics, sh_coefficients};
+
+    /// Small, large, thin, transparent and opaque Gaussians around the view, and a camera whose picture ends within tiles.
+    fn scene() -> (Gaussians, Camera) {
+        let mut scene = Gaussians::empty(3).unwrap();
+        for i in 0..400 {
+            let number = |k: usize| ((i * 89 + k * 131 + i * i * k) % 997) as f32 / 997.0 - 0.5;
+            let mean = [5.0 * number(1), 4.0 * number(2), 1.5 + i as f32 * 0.01];
+            let quaternion = [0.3 + number(3), number(4), number(5), number(6)];
+            let log_scale = [7, 8, 9].map(|k| 3.5 * number(k) - 3.0);
+            let sh: Vec<f32> = (0..sh_coefficients(3) * 3).map(|k| number(11 + k)).collect();
+            scene.push(mean, quaternion, log_scale, 8.0 * number(10), &sh);
+        }
+        let lens = Intrinsics { fx: 55.0, fy: 50.0, cx: 36.0, cy: 22.0, width: 70, height: 45 };
+        (scene, Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap())
+    }
+
+    /// Everything that is computed of a view, by name.
+    fn everything(isa: Isa, depth: bool) -> Vec<(&'static str, Vec<f32>)> {
+        let (scene, camera) = scene();
+        let settings = RenderSettings { depth, ..RenderSettings::default() };
+        let scratch = Scratch::default();
+        let mut tape = Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
+        let (rendering, traces) = draw(&scene, &camera, &settings, &mut tape.frame, true, isa).unwrap();
+        let unrecorded = draw(&scene, &camera, &settings, &mut scratch.take(), false, isa).unwrap().0;
+        assert_eq!(rendering.image.data(), unrecorded.image.data(), "{isa}");
+        assert_eq!(rendering.alpha, unrecorded.alpha, "{isa}");
+        assert!(rendering.stats.visible > 200, "{}", rendering.stats.visible);
+        tape.traces = traces;
+        let n = camera.width() * camera.height();
+        let plane = |n: usize, k: usize| (0..n).map(|i| ((i * 7 + k) % 13) as f32 / 13.0 - 0.4).collect();
+        let pixels = PixelGradients {
+            image: plane(3 * n, 1),
+            alpha: Some(plane(n, 2)),
+            depth: depth.then(|| plane(n, 3)),
+        };
+        let mut gradients = Gradients::zero(&scene);
+        let (values, mut shares): (Vec<f32>, _) = (plane(n, 4), vec![[0.0; 2]; scene.len()]);
+        let of_shares = Some(Shares { values: &values, sums: &mut shares });
+        let pose = backward(&scene, &camera, &settings, &tape, &pixels, (&mut gradients, of_shares), isa);
+        let pose = [pose.rotation.to_cols_array().as_slice(), &pose.translation.to_array()].concat();
+        vec![
+            ("image", rendering.image.data().to_vec()),
+            ("alpha", rendering.alpha),
+            ("depth", rendering.depth.unwrap_or_default()),
+            ("gradients by geometry", gradients.geometry),
+            ("gradients by colours", gradients.sh),
+            ("shares", shares.into_flattened()),
+            ("gradients by the pose", pose.into_iter().map(|value| value as f32).collect()),
+        ]
+    }
+
+    #[test]
+    fn instruction_sets_agree_within_rounding() {
+        for depth in [false, true] {
+            let expected = everything(Isa::Scalar, depth);
+            for isa in Isa::available() {
+                for ((what, expected), (_, found)) in expected.iter().zip(everything(isa, depth)) {
+                    let size = expected.iter().fold(0f32, |size, value| size.max(value.abs()));
+                    assert!(size > 0.0 || (*what == "depth" && !depth), "{what}");
+                    for (i, (expected, found)) in expected.iter().zip(&found).enumerate() {
+                        let error = (found - expected).abs();
+                        assert!(
+                            error <= 2e-5 * size,
+                            "{isa}, {what} {i}: {found} {expected}, largest {size}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn ellipsoids_are_the_same_on_every_instruction_set_within_rounding() {
+        let (scene, camera) = scene();
+        let settings = RenderSettings { style: Style::Ellipsoids, ..RenderSettings::default() };
+        let of = |isa| ellipsoids::render(&scene, &camera, &settings, isa).unwrap();
+        let expected = of(Isa::Scalar);
+        assert!(expected.image.data().iter().any(|value| *value > 0.1));
+        for isa in Isa::available() {
+            for (found, expected) in of(isa).image.data().iter().zip(expected.image.data()) {
+                assert!((found - expected).abs() < 1e-5, "{isa}: {found} {expected}");
+            }
+        }
+    }
 }

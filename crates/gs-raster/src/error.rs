@@ -50,7 +50,7 @@ pub enum Error {
     /// A plane of pixel gradients does not have the size of the view.
     #[error("the pixel gradients by {what} are {found} numbers, expected {expected}")]
     PixelGradientLength {
-        /// Field of [`PixelGradients`](crate::PixelGradients).
+        /// Field of [`PixelGradients`](crate::PixelGradients), or the values that are weighted by shares.
         what: &'static str,
         /// Numbers expected.
         expected: usize,
@@ -74,6 +74,10 @@ pub enum Error {
     /// The tape was recorded on another device.
     #[error("the tape was recorded on another device than this rasterizer's")]
     OtherDevice,
+    /// Shares are summed on the CPU only.
+    #[cfg(feature = "gpu")]
+    #[error("shares of Gaussians in pixels are summed on the CPU only; use `Rasterizer::cpu`")]
+    SharesOnGpu,
     /// No adapter comes into question.
     #[error("no GPU to render on, found {found}; the CPU path needs none")]
     NoAdapter {

@@ -3,6 +3,7 @@
 #[cfg(feature = "gpu")]
 use crate::gpu::{self, AdapterChoice, Gpu, GpuOptions};
 use crate::{Error, Gradients, PixelGradients, RenderSettings, Rendering, Result, Style, cpu};
+use cpu_kernels::Isa;
 use gs_scene::{Camera, Gaussians};
 
 /// Where to render.
@@ -193,6 +194,41 @@ impl Rasterizer {
         tape: &Tape,
         pixels: &[PixelGradients],
     ) -> Result<Gradients> {
+        Ok(self.differentiate(gaussians, tape, pixels, None)?.0)
+    }
+
+    /// As [`Rasterizer::backward`], and for every Gaussian (Σ w, Σ w v): w is its share in a pixel, by which its colour is
+    /// multiplied there, v the number of the pixel in `values`, `[height, width]` per view. In one walk over the pixels,
+    /// which takes little longer than the derivatives alone. On the CPU only.
+    ///
+    /// # Errors
+    /// As [`Rasterizer::backward`]; if `values` do not have the size of the views; on a GPU.
+    pub fn backward_with_shares(
+        &mut self,
+        gaussians: &Gaussians,
+        tape: &Tape,
+        pixels: &[PixelGradients],
+        values: &[Vec<f32>],
+    ) -> Result<(Gradients, Vec<[f32; 2]>)> {
+        if values.len() != tape.cameras.len() {
+            return Err(Error::Views { expected: tape.cameras.len(), found: values.len() });
+        }
+        for (camera, values) in tape.cameras.iter().zip(values) {
+            let expected = camera.width() * camera.height();
+            if values.len() != expected {
+                return Err(Error::PixelGradientLength { what: "values", expected, found: values.len() });
+            }
+        }
+        self.differentiate(gaussians, tape, pixels, Some(values))
+    }
+
+    fn differentiate(
+        &mut self,
+        gaussians: &Gaussians,
+        tape: &Tape,
+        pixels: &[PixelGradients],
+        values: Option<&[Vec<f32>]>,
+    ) -> Result<(Gradients, Vec<[f32; 2]>)> {
         let (found, found_degree) = (gaussians.len(), gaussians.sh_degree());
         if (found, found_degree) != (tape.n_gaussians, tape.sh_degree) {
             let (expected, expected_degree) = (tape.n_gaussians, tape.sh_degree);
@@ -205,13 +241,22 @@ impl Rasterizer {
             pixels.check(camera, &tape.settings)?;
         }
         let mut gradients = Gradients::zero(gaussians);
+        let mut shares = vec![[0.0; 2]; if values.is_some() { gaussians.len() } else { 0 }];
         match (&mut self.backend, &tape.views) {
             (Backend::Cpu(_), Views::Cpu(views)) => {
-                for ((view, camera), pixels) in views.iter().zip(&tape.cameras).zip(pixels) {
-                    let pose = cpu::backward(gaussians, camera, &tape.settings, view, pixels, &mut gradients);
+                let isa = Isa::in_use();
+                for (index, (view, camera)) in views.iter().zip(&tape.cameras).enumerate() {
+                    let shares =
+                        values.map(|values| cpu::Shares { values: &values[index], sums: &mut shares });
+                    let pixels = &pixels[index];
+                    let settings = &tape.settings;
+                    let found = (&mut gradients, shares);
+                    let pose = cpu::backward(gaussians, camera, settings, view, pixels, found, isa);
                     gradients.poses.push(pose);
                 }
             }
+            #[cfg(feature = "gpu")]
+            (Backend::Gpu(_), Views::Gpu(_)) if values.is_some() => return Err(Error::SharesOnGpu),
             #[cfg(feature = "gpu")]
             (Backend::Gpu(gpu), Views::Gpu(views)) => {
                 gpu.backward(views, &tape.cameras, pixels, &mut gradients)?;
@@ -219,6 +264,6 @@ impl Rasterizer {
             #[cfg(feature = "gpu")]
             _ => return Err(Error::OtherDevice),
         }
-        Ok(gradients)
+        Ok((gradients, shares))
     }
 }

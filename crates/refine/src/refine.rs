@@ -7,6 +7,7 @@ use crate::limits::{Limits, row_rates};
 use crate::objective::{Objective, OfView};
 use crate::schedule::{Turns, decay};
 use crate::{Config, Error, Exposure, Report, Result, Step, StepRecord, Stopped};
+use cpu_kernels::Isa;
 use gs_raster::{Gradients, Rasterizer, RenderSettings};
 use gs_scene::{Gaussians, View, sh_coefficients, sigmoid};
 use rayon::prelude::*;
@@ -236,6 +237,7 @@ impl<'a> Work<'a> {
 
     fn update(&mut self, gradients: &Gradients, factor: f32) {
         const WIDTH: usize = Gaussians::GEOMETRY;
+        let isa = Isa::in_use();
         let rates = &self.config.rates;
         let correction = Correction::of_step(self.updates);
         let per_gaussian = sh_coefficients(self.gaussians.sh_degree()) * 3;
@@ -252,7 +254,7 @@ impl<'a> Work<'a> {
             for (row, limits) in steps.chunks_exact_mut(WIDTH).zip(limits) {
                 row_rates(rates, factor, limits.footprint, row);
             }
-            update(values, gradients, first, second, &steps, correction);
+            update(isa, values, gradients, (first, second), &steps, correction);
             let moved = values.chunks_exact_mut(WIDTH).zip(second.chunks_exact(WIDTH)).zip(limits);
             for ((row, second), limits) in moved {
                 if second.iter().any(|s| *s > 0.0) {
@@ -271,7 +273,7 @@ impl<'a> Work<'a> {
             .zip(self.sh_moments.first.par_chunks_mut(ROWS * per_gaussian))
             .zip(self.sh_moments.second.par_chunks_mut(ROWS * per_gaussian));
         of_sh.for_each(|(((values, gradients), first), second)| {
-            update(values, gradients, first, second, &steps, correction);
+            update(isa, values, gradients, (first, second), &steps, correction);
         });
     }
 }

@@ -1,15 +1,16 @@
 //! Near-to-far compositing of a tile's splats, a patch of 4×4 pixels at a time: of most splats it takes fewer patches
 //! than rows to cover them.
 //!
-//! The loops over lanes have a fixed length and no branches, so that the compiler turns them into vector
-//! instructions; the function around them is compiled for several instruction sets and chosen at run time.
+//! A patch is one vector of AVX-512, two of AVX2, four of NEON. Vectors that cover no row of the ellipse, or none of whose
+//! pixels is drawn, are skipped.
 
 use super::bin::Bins;
-use super::math::{exp2, mul_add};
+use super::math::exp2;
 use super::project::{BATCH, Splat, Splats};
 use super::{Grid, TILE};
 use crate::RenderSettings;
-use multiversion::{multiversion, target::target_cfg_f};
+use cpu_kernels::pulp::{Simd, WithSimd};
+use cpu_kernels::{Isa, dispatch};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -70,12 +71,13 @@ impl Limits {
     }
 }
 
-/// What blending reads.
+/// What blending reads, and the instruction set that it uses.
 #[derive(Clone, Copy)]
 pub(super) struct Lists<'a> {
     pub(super) splats: &'a Splats,
     pub(super) bins: &'a Bins,
     pub(super) grid: Grid,
+    pub(super) isa: Isa,
 }
 
 /// Blends every tile into `image` `[h, w, 3]`, `alpha` `[h, w]` and `depth` (`[h, w]`, or empty if not asked for). Returns
@@ -169,32 +171,34 @@ pub(super) struct Local {
     falloff: [f32; 2],
     shear: f32,
     log2_opacity: f32,
+    /// First and last row of pixels that the ellipse may touch.
+    lines: [usize; 2],
     /// Rows and columns of patches that the ellipse may touch.
     pub(super) rows: Range<usize>,
     pub(super) columns: Range<usize>,
 }
 
-/// A splat in a row of patches.
-pub(super) struct Row {
-    /// Distance of the pixels from the centre, pixels.
-    pub(super) dy: [f32; LANES],
+/// A splat in a vector of pixels of each patch of a row.
+pub(super) struct Row<S: Simd> {
+    /// Centres of the pixels in the first column of patches, from the tile's left edge.
+    across: S::f32s,
+    /// Distance of the pixels from the centre of the ellipse, pixels.
+    pub(super) dy: S::f32s,
     /// The middle of the ellipse's row through the pixels.
-    middle: [f32; LANES],
+    middle: S::f32s,
     /// log₂ of the opacity there.
-    log2_alpha: [f32; LANES],
-    falloff: f32,
+    log2_alpha: S::f32s,
+    falloff: S::f32s,
 }
 
-/// A splat in a pixel.
-pub(super) struct Touch {
+/// A splat in a vector of pixels.
+pub(super) struct Touch<S: Simd> {
     /// Distance from the middle of the ellipse's row, pixels.
-    pub(super) dx: f32,
-    /// Opacity, not above `alpha_max`.
-    pub(super) alpha: f32,
-    /// Whether the opacity is at least `alpha_min`.
-    pub(super) is_seen: bool,
-    /// Whether it is above `alpha_max`.
-    pub(super) is_clamped: bool,
+    pub(super) dx: S::f32s,
+    /// log₂ of the opacity.
+    log2_alpha: S::f32s,
+    /// Where the opacity is at least `alpha_min`.
+    pub(super) is_seen: S::m32s,
 }
 
 impl Local {
@@ -214,42 +218,89 @@ impl Local {
             falloff: splat.falloff,
             shear: splat.shear,
             log2_opacity: splat.log2_opacity,
+            lines: [first, last],
             rows: first / SIDE..last / SIDE + 1,
             columns: left / SIDE..right.div_ceil(SIDE),
         }
     }
 
+    /// Vector number `vector` of the patches of a row, unless the ellipse lies above or below its pixels.
     #[inline(always)]
-    pub(super) fn row(&self, row: usize) -> Row {
-        let mut found = Row {
-            dy: [0.0; LANES],
-            middle: [0.0; LANES],
-            log2_alpha: [0.0; LANES],
-            falloff: self.falloff[0],
+    pub(super) fn row<S: Simd>(&self, simd: S, row: usize, vector: usize) -> Option<Row<S>> {
+        // Centres of a patch's pixels from its corner.
+        const ACROSS: [f32; LANES] = {
+            let mut centres = [0.0; LANES];
+            let mut lane = 0;
+            while lane < LANES {
+                centres[lane] = (lane % SIDE) as f32 + 0.5;
+                lane += 1;
+            }
+            centres
         };
-        for lane in 0..LANES {
-            let dy = (row * SIDE + lane / SIDE) as f32 + 0.5 - self.y;
-            found.dy[lane] = dy;
-            found.middle[lane] = self.x + self.shear * dy;
-            found.log2_alpha[lane] = self.falloff[1] * dy * dy + self.log2_opacity;
+        const DOWN: [f32; LANES] = {
+            let mut centres = [0.0; LANES];
+            let mut lane = 0;
+            while lane < LANES {
+                centres[lane] = (lane / SIDE) as f32 + 0.5;
+                lane += 1;
+            }
+            centres
+        };
+        let first = row * SIDE + vector * S::F32_LANES / SIDE;
+        let last = row * SIDE + (vector * S::F32_LANES + S::F32_LANES - 1) / SIDE;
+        if last < self.lines[0] || first > self.lines[1] {
+            return None;
         }
-        found
+        let splat = |v: f32| simd.splat_f32s(v);
+        let down = simd.add_f32s(vectors::<S>(&DOWN)[vector], splat((row * SIDE) as f32));
+        let dy = simd.sub_f32s(down, splat(self.y));
+        let falloff = simd.mul_f32s(simd.mul_f32s(splat(self.falloff[1]), dy), dy);
+        Some(Row {
+            across: vectors::<S>(&ACROSS)[vector],
+            dy,
+            middle: simd.add_f32s(splat(self.x), simd.mul_f32s(splat(self.shear), dy)),
+            log2_alpha: simd.add_f32s(falloff, splat(self.log2_opacity)),
+            falloff: splat(self.falloff[0]),
+        })
     }
 }
 
-impl Row {
+impl<S: Simd> Row<S> {
     #[inline(always)]
-    pub(super) fn touch<const FMA: bool>(&self, column: usize, lane: usize, limits: Limits) -> Touch {
-        let dx = (column * SIDE + lane % SIDE) as f32 + 0.5 - self.middle[lane];
-        let log2_alpha = mul_add::<FMA>(self.falloff * dx, dx, self.log2_alpha[lane]);
-        let alpha = exp2::<FMA>(log2_alpha);
-        Touch {
-            dx,
-            alpha: if alpha < limits.alpha_max { alpha } else { limits.alpha_max },
-            is_seen: log2_alpha >= limits.log2_alpha_min,
-            is_clamped: alpha > limits.alpha_max,
-        }
+    pub(super) fn touch(&self, simd: S, column: usize, limits: Limits) -> Touch<S> {
+        let across = simd.add_f32s(self.across, simd.splat_f32s((column * SIDE) as f32));
+        let dx = simd.sub_f32s(across, self.middle);
+        let log2_alpha = simd.mul_add_e_f32s(simd.mul_f32s(self.falloff, dx), dx, self.log2_alpha);
+        let least = simd.splat_f32s(limits.log2_alpha_min);
+        Touch { dx, log2_alpha, is_seen: simd.greater_than_or_equal_f32s(log2_alpha, least) }
     }
+}
+
+impl<S: Simd> Touch<S> {
+    /// The opacity, and that not above `alpha_max`.
+    #[inline(always)]
+    pub(super) fn alpha(&self, simd: S, limits: Limits) -> (S::f32s, S::f32s) {
+        let alpha = exp2(simd, self.log2_alpha);
+        (alpha, simd.min_f32s(alpha, simd.splat_f32s(limits.alpha_max)))
+    }
+}
+
+/// A patch in vectors.
+#[inline(always)]
+pub(super) fn vectors<S: Simd>(lanes: &[f32; LANES]) -> &[S::f32s] {
+    S::as_simd_f32s(lanes).0
+}
+
+/// A patch in vectors that can be written.
+#[inline(always)]
+pub(super) fn vectors_mut<S: Simd>(lanes: &mut [f32; LANES]) -> &mut [S::f32s] {
+    S::as_mut_simd_f32s(lanes).0
+}
+
+/// Whether a mask is true anywhere.
+#[inline(always)]
+pub(super) fn any<S: Simd>(simd: S, mask: S::m32s) -> bool {
+    simd.first_true_m32s(mask) < S::F32_LANES
 }
 
 /// The top-left corner of a tile, pixels.
@@ -258,68 +309,57 @@ pub(super) fn origin(grid: Grid, tile: usize) -> [u32; 2] {
 }
 
 /// Adds the splats of tile number `index` to `tile`.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
 fn blend_tile<const DEPTH: bool, const RECORD: bool>(
     tile: &mut Tile,
     lists: Lists,
     index: usize,
     limits: Limits,
 ) {
-    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
-        blend_tile_with::<DEPTH, RECORD, true>(tile, lists, index, limits);
-    } else {
-        blend_tile_with::<DEPTH, RECORD, false>(tile, lists, index, limits);
-    }
+    dispatch(lists.isa, Blend::<DEPTH, RECORD> { tile, lists, index, limits });
 }
 
-#[inline(always)]
-fn blend_tile_with<const DEPTH: bool, const RECORD: bool, const FMA: bool>(
-    tile: &mut Tile,
-    lists: Lists,
+struct Blend<'a, const DEPTH: bool, const RECORD: bool> {
+    tile: &'a mut Tile,
+    lists: Lists<'a>,
     index: usize,
     limits: Limits,
-) {
-    let origin = origin(lists.grid, index);
-    let Tile { rgb, trace } = tile;
-    let mut place = 0u32;
-    let mut batch = [Splat::NONE; BATCH];
-    for indices in lists.bins.pieces(index).flat_map(|piece| piece.chunks(BATCH)) {
-        if trace.transmittance.iter().flatten().all(|&t| t <= 0.0) {
-            return;
-        }
-        for splat in lists.splats.fetch(indices, &mut batch) {
-            place += 1;
-            if place == 1 {
-                trace.nearest = splat.depth;
+}
+
+impl<const DEPTH: bool, const RECORD: bool> WithSimd for Blend<'_, DEPTH, RECORD> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { tile, lists, index, limits } = self;
+        let origin = origin(lists.grid, index);
+        let Tile { rgb, trace } = tile;
+        let mut place = 0u32;
+        let mut batch = [Splat::NONE; BATCH];
+        for indices in lists.bins.pieces(index).flat_map(|piece| piece.chunks(BATCH)) {
+            if trace.transmittance.iter().flatten().all(|&t| t <= 0.0) {
+                return;
             }
-            let local = Local::new(splat, origin);
-            for y in local.rows.clone() {
-                let row = local.row(y);
-                for x in local.columns.clone() {
-                    let patch = y * SIDE + x;
-                    let mut weight = [0.0; LANES];
-                    let transmittance = &mut trace.transmittance[patch];
-                    let last = &mut trace.last[patch];
-                    for lane in 0..LANES {
-                        let touch = row.touch::<FMA>(x, lane, limits);
-                        let before = transmittance[lane];
-                        let seen = touch.is_seen & (before > 0.0);
-                        let stops = before * (1.0 - touch.alpha) < limits.transmittance_min;
-                        weight[lane] = if seen & !stops { before * touch.alpha } else { 0.0 };
-                        // A product, because the compiler turns a choice into a masked store, which is slow.
-                        let factor = if stops { -1.0 } else { 1.0 - touch.alpha };
-                        transmittance[lane] = before * if seen { factor } else { 1.0 };
-                        if RECORD {
-                            last[lane] = if seen & !stops { place } else { last[lane] };
+            for splat in lists.splats.fetch(indices, &mut batch) {
+                place += 1;
+                if place == 1 {
+                    trace.nearest = splat.depth;
+                }
+                let local = Local::new(splat, origin);
+                for y in local.rows.clone() {
+                    for v in 0..LANES / S::F32_LANES {
+                        if let Some(row) = local.row(simd, y, v) {
+                            for x in local.columns.clone() {
+                                let at = Place { patch: (y * SIDE + x) % PATCHES, v, place };
+                                blend_vector::<S, DEPTH, RECORD>(
+                                    simd,
+                                    (rgb, trace),
+                                    splat,
+                                    at,
+                                    row.touch(simd, x, limits),
+                                    limits,
+                                );
+                            }
                         }
-                    }
-                    for (channel, &colour) in rgb.iter_mut().zip(&splat.rgb) {
-                        accumulate::<FMA>(&mut channel[patch], &weight, colour);
-                    }
-                    if DEPTH {
-                        accumulate::<FMA>(&mut trace.weight[patch], &weight, 1.0);
-                        let depth = splat.depth - trace.nearest;
-                        accumulate::<FMA>(&mut trace.depth[patch], &weight, depth);
                     }
                 }
             }
@@ -327,9 +367,50 @@ fn blend_tile_with<const DEPTH: bool, const RECORD: bool, const FMA: bool>(
     }
 }
 
+/// Which patch of a tile, which vector of the patch, and which splat of the tile, counted from 1.
+#[derive(Clone, Copy)]
+struct Place {
+    patch: usize,
+    v: usize,
+    place: u32,
+}
+
+/// Adds a splat to a vector of pixels.
 #[inline(always)]
-fn accumulate<const FMA: bool>(sum: &mut [f32; LANES], weight: &[f32; LANES], value: f32) {
-    for (sum, weight) in sum.iter_mut().zip(weight) {
-        *sum = mul_add::<FMA>(*weight, value, *sum);
+fn blend_vector<S: Simd, const DEPTH: bool, const RECORD: bool>(
+    simd: S,
+    (rgb, trace): (&mut [Plane; 3], &mut Trace),
+    splat: &Splat,
+    Place { patch, v, place }: Place,
+    touch: Touch<S>,
+    limits: Limits,
+) {
+    let transmittance = &mut vectors_mut::<S>(&mut trace.transmittance[patch])[v];
+    let before = *transmittance;
+    let seen = simd.and_m32s(touch.is_seen, simd.greater_than_f32s(before, simd.splat_f32s(0.0)));
+    if !any(simd, seen) {
+        return;
+    }
+    let (_, alpha) = touch.alpha(simd, limits);
+    let after = simd.mul_f32s(before, simd.sub_f32s(simd.splat_f32s(1.0), alpha));
+    let lasts = simd.greater_than_or_equal_f32s(after, simd.splat_f32s(limits.transmittance_min));
+    let drawn = simd.and_m32s(seen, lasts);
+    let weight = simd.select_f32s(drawn, simd.mul_f32s(before, alpha), simd.splat_f32s(0.0));
+    // Where the splat would leave too little light it is not drawn, and the pixel is done.
+    let undrawn = simd.select_f32s(seen, simd.neg_f32s(before), before);
+    *transmittance = simd.select_f32s(drawn, after, undrawn);
+    if RECORD {
+        let last = &mut S::as_mut_simd_u32s(&mut trace.last[patch]).0[v];
+        *last = simd.select_u32s(drawn, simd.splat_u32s(place), *last);
+    }
+    for (channel, &colour) in rgb.iter_mut().zip(&splat.rgb) {
+        let sum = &mut vectors_mut::<S>(&mut channel[patch])[v];
+        *sum = simd.mul_add_e_f32s(weight, simd.splat_f32s(colour), *sum);
+    }
+    if DEPTH {
+        let sum = &mut vectors_mut::<S>(&mut trace.weight[patch])[v];
+        *sum = simd.add_f32s(*sum, weight);
+        let sum = &mut vectors_mut::<S>(&mut trace.depth[patch])[v];
+        *sum = simd.mul_add_e_f32s(weight, simd.splat_f32s(splat.depth - trace.nearest), *sum);
     }
 }

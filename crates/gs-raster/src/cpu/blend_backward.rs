@@ -6,45 +6,56 @@
 //! 1 - α at each step, the very number it was multiplied by.
 
 use super::bin::{Places, chunk_size};
-use super::blend::{LANES, Limits, Lists, Local, PATCHES, Plane, SIDE, Trace, origin, patch};
-use super::math::mul_add;
+use super::blend::{
+    LANES, Limits, Lists, Local, PATCHES, Plane, Row, SIDE, Trace, any, origin, patch, vectors, vectors_mut,
+};
 use super::project::{BATCH, Splat};
 use super::{Grid, TILE};
 use crate::{PixelGradients, RenderSettings};
-use multiversion::{multiversion, target::target_cfg_f};
+use cpu_kernels::dispatch;
+use cpu_kernels::pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
 /// Sums over pixels of s = ∂L/∂log₂α, of its products with the distances (dx, dy) of [`Touch`](super::blend::Touch), and of the gradients by
-/// colour and z-depth: s, s dx, s dx², s dy, s dy², s dx dy, red, green, blue, depth.
+/// colour and z-depth: s, s dx, s dx², s dy, s dy², s dx dy, red, green, blue, depth. Then, of the splat's share w in a
+/// pixel, Σ w and Σ w v with v the values to be weighted.
 pub(super) type Moments = [f32; MOMENTS];
-pub(super) const MOMENTS: usize = 10;
+pub(super) const MOMENTS: usize = 12;
+/// Where the sums of shares are among the moments.
+pub(super) const SHARES: usize = 10;
 
 /// The sums of all splats.
 pub(super) struct Summed {
-    /// In the order of depth, of the gradients by pixels times a power of two that makes them small: what is finite does
+    /// In the order of depth; but for shares, of the gradients by pixels times a power of two that makes them small: what is finite does
     /// not overflow on the way, and what is tiny keeps its digits.
     pub(super) moments: Vec<Moments>,
     /// What they are to be multiplied by.
     pub(super) unit: f64,
 }
 
-/// Sums the gradients of each splat over its pixels, and adds the gradient by the background to `background`.
+/// Sums the gradients of each splat over its pixels, and adds the gradient by the background to `background`. Shares are
+/// summed if there are `values`, one per pixel.
 pub(super) fn sum(
     lists: Lists,
     settings: &RenderSettings,
     traces: &[Trace],
-    pixels: &PixelGradients,
+    (pixels, values): (&PixelGradients, Option<&[f32]>),
     background: &mut [f64; 3],
 ) -> Summed {
     let unit = unit(pixels);
     let limits = Limits::new(settings);
-    let blend_tile = if pixels.depth.is_some() { blend_tile::<true> } else { blend_tile::<false> };
+    let blend_tile = match (pixels.depth.is_some(), values.is_some()) {
+        (false, false) => blend_tile::<false, false>,
+        (false, true) => blend_tile::<false, true>,
+        (true, false) => blend_tile::<true, false>,
+        (true, true) => blend_tile::<true, true>,
+    };
     let tiles: Vec<(Vec<Moments>, [f64; 3])> = traces
         .par_iter()
         .enumerate()
         .map(|(index, trace)| {
-            let mut tile = Tile::new(lists.grid, index, trace, pixels, settings, unit);
+            let mut tile = Tile::new(lists.grid, index, trace, (pixels, values), settings, unit);
             let mut moments = vec![[0.0; MOMENTS]; lists.bins.len(index)];
             blend_tile(&mut tile, &mut moments, lists, index, limits);
             (moments, tile.background)
@@ -97,6 +108,8 @@ struct Tile {
     /// The gradients by colour and, divided by Σ w, by expected depth.
     rgb: [Plane; 3],
     depth: Plane,
+    /// The values that are weighted by shares.
+    values: Plane,
     /// Expected depth, from `nearest`.
     expected: Plane,
     nearest: f32,
@@ -115,13 +128,14 @@ impl Tile {
         grid: Grid,
         index: usize,
         trace: &Trace,
-        pixels: &PixelGradients,
+        (pixels, values): (&PixelGradients, Option<&[f32]>),
         settings: &RenderSettings,
         unit: f64,
     ) -> Box<Self> {
         let mut tile = Box::new(Self {
             rgb: [[[0.0; LANES]; PATCHES]; 3],
             depth: [[0.0; LANES]; PATCHES],
+            values: [[0.0; LANES]; PATCHES],
             expected: [[0.0; LANES]; PATCHES],
             nearest: trace.nearest,
             transmittance: trace.transmittance.map(|patch| patch.map(f32::abs)),
@@ -147,6 +161,9 @@ impl Tile {
                     behind -= scaled(alpha[at]);
                 }
                 tile.behind[patch][lane] = behind;
+                if let Some(values) = values {
+                    tile.values[patch][lane] = values[at];
+                }
                 if let Some(depth) = &pixels.depth
                     && trace.weight[patch][lane] > 0.0
                 {
@@ -160,106 +177,174 @@ impl Tile {
 }
 
 /// The moments of the splats of tile number `index`, in the order of its list.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
-fn blend_tile<const DEPTH: bool>(
+fn blend_tile<const DEPTH: bool, const SHARED: bool>(
     tile: &mut Tile,
     moments: &mut [Moments],
     lists: Lists,
     index: usize,
     limits: Limits,
 ) {
-    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
-        blend_tile_with::<DEPTH, true>(tile, moments, lists, index, limits);
-    } else {
-        blend_tile_with::<DEPTH, false>(tile, moments, lists, index, limits);
-    }
+    // Out here, where the compiler has no vectors that gather.
+    let deepest = tile.last.iter().flatten().copied().fold(0, u32::max);
+    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, moments, lists, index, limits, deepest });
 }
 
-#[inline(always)]
-fn blend_tile_with<const DEPTH: bool, const FMA: bool>(
-    tile: &mut Tile,
-    moments: &mut [Moments],
-    lists: Lists,
+struct Blend<'a, const DEPTH: bool, const SHARED: bool> {
+    tile: &'a mut Tile,
+    moments: &'a mut [Moments],
+    lists: Lists<'a>,
     index: usize,
     limits: Limits,
-) {
-    let origin = origin(lists.grid, index);
-    let deepest = tile.last.iter().flatten().copied().fold(0, u32::max);
-    let mut place = moments.len() as u32 + 1;
-    let mut batch = [Splat::NONE; BATCH];
-    for indices in lists.bins.pieces(index).rev().flat_map(|piece| piece.rchunks(BATCH)) {
-        if place - indices.len() as u32 > deepest {
-            place -= indices.len() as u32;
-            continue;
-        }
-        for splat in lists.splats.fetch(indices, &mut batch).iter().rev() {
-            place -= 1;
-            if place > deepest {
+    /// Place of the last splat that is drawn in any pixel, counted from 1.
+    deepest: u32,
+}
+
+impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { tile, moments, lists, index, limits, deepest } = self;
+        let origin = origin(lists.grid, index);
+        let mut place = moments.len() as u32 + 1;
+        let mut batch = [Splat::NONE; BATCH];
+        for indices in lists.bins.pieces(index).rev().flat_map(|piece| piece.rchunks(BATCH)) {
+            if place - indices.len() as u32 > deepest {
+                place -= indices.len() as u32;
                 continue;
             }
-            let local = Local::new(splat, origin);
-            let mut sums = [[0.0; LANES]; MOMENTS];
-            for y in local.rows.clone() {
-                let row = local.row(y);
-                for x in local.columns.clone() {
-                    let patch = y * SIDE + x;
-                    let rgb = [&tile.rgb[0][patch], &tile.rgb[1][patch], &tile.rgb[2][patch]];
-                    let (depth, expected) = (&tile.depth[patch], &tile.expected[patch]);
-                    let last = &tile.last[patch];
-                    let transmittance = &mut tile.transmittance[patch];
-                    let behind = &mut tile.behind[patch];
-                    for lane in 0..LANES {
-                        let touch = row.touch::<FMA>(x, lane, limits);
-                        let drawn = touch.is_seen & (place <= last[lane]);
-                        let alpha = touch.alpha;
-                        let before = transmittance[lane] / (1.0 - alpha);
-                        let weight = if drawn { before * alpha } else { 0.0 };
-                        let mut q = rgb[0][lane] * splat.rgb[0];
-                        q = mul_add::<FMA>(rgb[1][lane], splat.rgb[1], q);
-                        q = mul_add::<FMA>(rgb[2][lane], splat.rgb[2], q);
-                        if DEPTH {
-                            q = mul_add::<FMA>(depth[lane], splat.depth - tile.nearest - expected[lane], q);
-                        }
-                        let nearer = q - behind[lane];
-                        let follows = drawn & !touch.is_clamped;
-                        let s = if follows { LN_2 * alpha * before * nearer } else { 0.0 };
-                        behind[lane] = mul_add::<FMA>(if drawn { alpha } else { 0.0 }, nearer, behind[lane]);
-                        transmittance[lane] = if drawn { before } else { transmittance[lane] };
-
-                        let (dx, dy) = (touch.dx, row.dy[lane]);
-                        let (s_dx, s_dy) = (s * dx, s * dy);
-                        sums[0][lane] += s;
-                        sums[1][lane] += s_dx;
-                        sums[2][lane] = mul_add::<FMA>(s_dx, dx, sums[2][lane]);
-                        sums[3][lane] += s_dy;
-                        sums[4][lane] = mul_add::<FMA>(s_dy, dy, sums[4][lane]);
-                        sums[5][lane] = mul_add::<FMA>(s_dx, dy, sums[5][lane]);
-                        for channel in 0..3 {
-                            sums[6 + channel][lane] =
-                                mul_add::<FMA>(weight, rgb[channel][lane], sums[6 + channel][lane]);
-                        }
-                        if DEPTH {
-                            sums[9][lane] = mul_add::<FMA>(weight, depth[lane], sums[9][lane]);
+            for splat in lists.splats.fetch(indices, &mut batch).iter().rev() {
+                place -= 1;
+                if place > deepest {
+                    continue;
+                }
+                let local = Local::new(splat, origin);
+                let zero = simd.splat_f32s(0.0);
+                let mut found = [zero; MOMENTS];
+                for y in local.rows.clone() {
+                    for v in 0..LANES / S::F32_LANES {
+                        if let Some(row) = local.row(simd, y, v) {
+                            let mut sums = Sums::<S> { s: [zero; 3], weight: [zero; 6] };
+                            for x in local.columns.clone() {
+                                let at = Place { patch: (y * SIDE + x) % PATCHES, v, x, place };
+                                blend_vector::<S, DEPTH, SHARED>(
+                                    simd, tile, splat, at, &row, limits, &mut sums,
+                                );
+                            }
+                            sums.add_to::<DEPTH, SHARED>(simd, row.dy, &mut found);
                         }
                     }
                 }
-            }
-            for (moment, lanes) in moments[place as usize - 1].iter_mut().zip(sums) {
-                *moment = total(lanes);
+                let moments = &mut moments[place as usize - 1];
+                for k in summed::<DEPTH, SHARED>() {
+                    moments[k] = simd.reduce_sum_f32s(found[k]);
+                }
             }
         }
     }
 }
 
-/// The sum of all lanes, in pairs.
+/// Which moments are asked for.
 #[inline(always)]
-fn total(mut lanes: [f32; LANES]) -> f32 {
-    let mut half = LANES / 2;
-    while half > 0 {
-        for lane in 0..half {
-            lanes[lane] += lanes[lane + half];
+fn summed<const DEPTH: bool, const SHARED: bool>() -> impl Iterator<Item = usize> {
+    (0..MOMENTS).filter(|&k| if k >= SHARES { SHARED } else { k < 9 || DEPTH })
+}
+
+/// Which patch of a tile and vector of the patch, in which column of patches, and which splat of the tile, counted from 1.
+#[derive(Clone, Copy)]
+struct Place {
+    patch: usize,
+    v: usize,
+    x: usize,
+    place: u32,
+}
+
+/// Sums of a splat over the patches of a row: s, s dx, s dx²; and of its share the products with the gradients by colour and
+/// depth, the share itself and its product with the values. Along a row dy is the
+/// same, so that its products are made at the end.
+struct Sums<S: Simd> {
+    s: [S::f32s; 3],
+    weight: [S::f32s; 6],
+}
+
+impl<S: Simd> Sums<S> {
+    #[inline(always)]
+    fn add_to<const DEPTH: bool, const SHARED: bool>(
+        self,
+        simd: S,
+        dy: S::f32s,
+        found: &mut [S::f32s; MOMENTS],
+    ) {
+        let [s, s_dx, s_dxdx] = self.s;
+        let s_dy = simd.mul_f32s(s, dy);
+        found[0] = simd.add_f32s(found[0], s);
+        found[1] = simd.add_f32s(found[1], s_dx);
+        found[2] = simd.add_f32s(found[2], s_dxdx);
+        found[3] = simd.add_f32s(found[3], s_dy);
+        found[4] = simd.mul_add_e_f32s(s_dy, dy, found[4]);
+        found[5] = simd.mul_add_e_f32s(s_dx, dy, found[5]);
+        for k in summed::<DEPTH, SHARED>().filter(|&k| k >= 6) {
+            found[k] = simd.add_f32s(found[k], self.weight[k - 6]);
         }
-        half /= 2;
     }
-    lanes[0]
+}
+
+/// Takes a splat from a vector of pixels, and adds what its gradients are there.
+#[inline(always)]
+fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
+    simd: S,
+    tile: &mut Tile,
+    splat: &Splat,
+    Place { patch, v, x, place }: Place,
+    row: &Row<S>,
+    limits: Limits,
+    sums: &mut Sums<S>,
+) {
+    let number = |v: f32| simd.splat_f32s(v);
+    let touch = row.touch(simd, x, limits);
+    let last = S::as_simd_u32s(&tile.last[patch]).0[v];
+    let drawn = simd.and_m32s(touch.is_seen, simd.greater_than_u32s(last, simd.splat_u32s(place - 1)));
+    if !any(simd, drawn) {
+        return;
+    }
+    // What is needed last is made first, of as few vectors as there are: AVX2 has sixteen.
+    let (unclamped, alpha) = touch.alpha(simd, limits);
+    // A clamped opacity does not follow the splat.
+    let clamped = simd.greater_than_f32s(unclamped, number(limits.alpha_max));
+    let follows = simd.and_m32s(drawn, simd.not_m32s(clamped));
+    let transmittance = &mut vectors_mut::<S>(&mut tile.transmittance[patch])[v];
+    let before = simd.div_f32s(*transmittance, simd.sub_f32s(number(1.0), alpha));
+    *transmittance = simd.select_f32s(drawn, before, *transmittance);
+    let slope = simd.mul_f32s(simd.mul_f32s(number(LN_2), alpha), before);
+    let weight = simd.select_f32s(drawn, simd.mul_f32s(before, alpha), number(0.0));
+    let share = simd.select_f32s(drawn, alpha, number(0.0));
+
+    if SHARED {
+        let value = vectors::<S>(&tile.values[patch])[v];
+        sums.weight[4] = simd.add_f32s(sums.weight[4], weight);
+        sums.weight[5] = simd.mul_add_e_f32s(weight, value, sums.weight[5]);
+    }
+    let rgb = [0, 1, 2].map(|channel| vectors::<S>(&tile.rgb[channel][patch])[v]);
+    for channel in 0..3 {
+        sums.weight[channel] = simd.mul_add_e_f32s(weight, rgb[channel], sums.weight[channel]);
+    }
+    let mut q = simd.mul_f32s(rgb[0], number(splat.rgb[0]));
+    q = simd.mul_add_e_f32s(rgb[1], number(splat.rgb[1]), q);
+    q = simd.mul_add_e_f32s(rgb[2], number(splat.rgb[2]), q);
+    if DEPTH {
+        let depth = vectors::<S>(&tile.depth[patch])[v];
+        sums.weight[3] = simd.mul_add_e_f32s(weight, depth, sums.weight[3]);
+        let expected = vectors::<S>(&tile.expected[patch])[v];
+        let from_expected = simd.sub_f32s(number(splat.depth - tile.nearest), expected);
+        q = simd.mul_add_e_f32s(depth, from_expected, q);
+    }
+    let behind = &mut vectors_mut::<S>(&mut tile.behind[patch])[v];
+    let nearer = simd.sub_f32s(q, *behind);
+    *behind = simd.mul_add_e_f32s(share, nearer, *behind);
+
+    let s = simd.select_f32s(follows, simd.mul_f32s(slope, nearer), number(0.0));
+    let s_dx = simd.mul_f32s(s, touch.dx);
+    sums.s[0] = simd.add_f32s(sums.s[0], s);
+    sums.s[1] = simd.add_f32s(sums.s[1], s_dx);
+    sums.s[2] = simd.mul_add_e_f32s(s_dx, touch.dx, sums.s[2]);
 }

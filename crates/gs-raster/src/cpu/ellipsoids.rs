@@ -5,9 +5,9 @@ use super::{Grid, TILE, sh};
 use crate::StageSeconds;
 use crate::settings::{ELLIPSOID_AMBIENT, INTERSECTIONS_MAX};
 use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, Error, RenderSettings, RenderStats, Rendering, Result};
+use cpu_kernels::{Isa, compiled_for};
 use glam::{DVec2, DVec3};
 use gs_scene::{Camera, Gaussians, Image, sh_coefficients};
-use multiversion::multiversion;
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -35,7 +35,12 @@ struct Ellipsoid {
 }
 
 /// Renders a view.
-pub(super) fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSettings) -> Result<Rendering> {
+pub(super) fn render(
+    gaussians: &Gaussians,
+    camera: &Camera,
+    settings: &RenderSettings,
+    isa: Isa,
+) -> Result<Rendering> {
     let (width, height) = (camera.width(), camera.height());
     let grid = Grid::new(width, height);
     let mut seconds = StageSeconds::default();
@@ -83,7 +88,8 @@ pub(super) fn render(gaussians: &Gaussians, camera: &Camera, settings: &RenderSe
         .zip(bands)
         .enumerate()
         .for_each(|(row, ((image, depth), band))| {
-            let seen = nearest(&band, &view, row * TILE, [width, depth.len() / width]);
+            let size = [width, depth.len() / width];
+            let seen = compiled_for(isa, || nearest(&band, &view, row * TILE, size));
             shade(&seen, &view, row * TILE, width, image, depth);
         });
     let alpha = depth.iter().map(|&depth| if depth > 0.0 { 1.0 } else { 0.0 }).collect();
@@ -235,7 +241,7 @@ impl Ellipsoid {
 }
 
 /// The front that is seen in each pixel of some rows from `top` on: z-depth, and of which ellipsoid.
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[inline(always)]
 fn nearest<'a>(
     band: &[&'a Ellipsoid],
     view: &View,

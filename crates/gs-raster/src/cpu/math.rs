@@ -1,5 +1,7 @@
 //! Elementary functions without branches or calls, so that loops over them become vector instructions.
 
+use cpu_kernels::pulp::Simd;
+
 /// a b + c, fused where the instruction set can (elsewhere a fused one would be a library call).
 #[inline(always)]
 pub(super) fn mul_add<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
@@ -9,19 +11,19 @@ pub(super) fn mul_add<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
 /// 2^x for -126 ≤ x ≤ 1, relative error below 3e-7: a minimax polynomial on [-½, ½] times a power of two made in the
 /// exponent bits. Beyond that range some number, which the caller masks out.
 #[inline(always)]
-pub(super) fn exp2<const FMA: bool>(x: f32) -> f32 {
+pub(super) fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     // Adding 1.5 · 2²³ rounds to the nearest integer and leaves it in the low bits.
     const ROUND: f32 = 12_582_912.0;
-    const P: [f32; 6] = [1.0, 0.693_146_94, 0.240_221_2, 0.055_507_13, 0.009_675_542, 0.001_327_647_3];
-    let rounded = x + ROUND;
-    let f = x - (rounded - ROUND);
-    let mut p = P[5];
-    p = mul_add::<FMA>(p, f, P[4]);
-    p = mul_add::<FMA>(p, f, P[3]);
-    p = mul_add::<FMA>(p, f, P[2]);
-    p = mul_add::<FMA>(p, f, P[1]);
-    p = mul_add::<FMA>(p, f, P[0]);
-    f32::from_bits(p.to_bits().wrapping_add(rounded.to_bits() << 23))
+    // The coefficient of the highest power first.
+    const P: [f32; 6] = [0.001_327_647_3, 0.009_675_542, 0.055_507_13, 0.240_221_2, 0.693_146_94, 1.0];
+    let rounded = simd.add_f32s(x, simd.splat_f32s(ROUND));
+    let f = simd.sub_f32s(x, simd.sub_f32s(rounded, simd.splat_f32s(ROUND)));
+    let mut p = simd.splat_f32s(P[0]);
+    for &coefficient in &P[1..] {
+        p = simd.mul_add_e_f32s(p, f, simd.splat_f32s(coefficient));
+    }
+    let power = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(rounded), simd.splat_u32s(23));
+    simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(p), power))
 }
 
 /// e^x, relative error below 1e-11 where the result is a normal number; 0 or a huge number beyond |x| = 690.
@@ -76,15 +78,29 @@ pub(super) fn log2(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cpu_kernels::pulp::WithSimd;
+    use cpu_kernels::{Isa, dispatch, vector};
+
+    struct Exp2<'a>(&'a mut [f32]);
+
+    impl WithSimd for Exp2<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            vector::map(simd, self.0, |x| exp2(simd, x));
+        }
+    }
 
     #[test]
     fn exp2_keeps_its_error_bound() {
-        for i in 0..=1_000_000 {
-            let x = -126.0 + 127.0 * (i as f32 / 1e6);
-            let expected = f64::from(x).exp2();
-            for found in [exp2::<false>(x), exp2::<true>(x)] {
-                let error = (f64::from(found) / expected - 1.0).abs();
-                assert!(error < 3e-7, "2^{x}: {found}, relative error {error:e}");
+        let x: Vec<f32> = (0..=1_000_000).map(|i| -126.0 + 127.0 * (i as f32 / 1e6)).collect();
+        for isa in Isa::available() {
+            let mut found = x.clone();
+            dispatch(isa, Exp2(&mut found));
+            for (x, found) in x.iter().zip(found) {
+                let error = (f64::from(found) / f64::from(*x).exp2() - 1.0).abs();
+                assert!(error < 3e-7, "{isa}: 2^{x}: {found}, relative error {error:e}");
             }
         }
     }

@@ -6,8 +6,8 @@ use super::shape::{CULLED, DRAWN, REJECTED, Shapes, find_colours, find_shapes, f
 use super::span::{Bounds, Span, Tiles};
 use crate::RenderSettings;
 use crate::settings::INTERSECTIONS_MAX;
+use cpu_kernels::{Isa, compiled_for};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
-use multiversion::multiversion;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -87,14 +87,19 @@ impl Splats {
         camera: &Camera,
         settings: &RenderSettings,
         grid: Grid,
+        isa: Isa,
     ) {
         let view = View::new(camera, settings);
         let frame = Frame { grid, limit: log2_alpha_bound(settings), intersections: &AtomicU64::new(0) };
-        let project_chunk = match gaussians.sh_degree() {
-            0 => project_chunk::<0>,
-            1 => project_chunk::<1>,
-            2 => project_chunk::<2>,
-            _ => project_chunk::<3>,
+        let project_chunk = match (gaussians.sh_degree(), isa > Isa::Scalar) {
+            (0, true) => project_chunk::<0, true>,
+            (1, true) => project_chunk::<1, true>,
+            (2, true) => project_chunk::<2, true>,
+            (_, true) => project_chunk::<3, true>,
+            (0, false) => project_chunk::<0, false>,
+            (1, false) => project_chunk::<1, false>,
+            (2, false) => project_chunk::<2, false>,
+            (_, false) => project_chunk::<3, false>,
         };
         let sh_row = sh_coefficients(gaussians.sh_degree()) * 3;
         self.chunks.resize_with(gaussians.len().div_ceil(CHUNK), Chunk::default);
@@ -102,7 +107,9 @@ impl Splats {
             .par_iter_mut()
             .zip(gaussians.geometry().par_chunks(CHUNK * Gaussians::GEOMETRY))
             .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
-            .for_each(|((chunk, geometry), sh)| project_chunk(chunk, &view, frame, geometry, sh));
+            .for_each(|((chunk, geometry), sh)| {
+                project_chunk(isa, chunk, &view, frame, geometry, sh);
+            });
     }
 
     /// The splat of an index; not all numbers below [`Splats::end`] are one.
@@ -212,8 +219,22 @@ struct Frame<'a> {
 }
 
 /// Projects the Gaussians of a chunk.
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn project_chunk<const DEGREE: usize>(
+fn project_chunk<const DEGREE: usize, const FMA: bool>(
+    isa: Isa,
+    chunk: &mut Chunk,
+    view: &View,
+    frame: Frame,
+    geometry: &[f32],
+    sh: &[f32],
+) {
+    compiled_for(isa, || project_blocks::<DEGREE, FMA>(isa, chunk, view, frame, geometry, sh));
+}
+
+/// Projects the Gaussians of a chunk block by block. Each step is a function of its own for the compiler, as their loops
+/// need all registers.
+#[inline(always)]
+fn project_blocks<const DEGREE: usize, const FMA: bool>(
+    isa: Isa,
     chunk: &mut Chunk,
     view: &View,
     frame: Frame,
@@ -232,7 +253,7 @@ fn project_chunk<const DEGREE: usize>(
         for (place, row) in geometry.chunks_exact(Gaussians::GEOMETRY).enumerate() {
             stored.set(place, row);
         }
-        first_look(&mut outcomes, view, &stored);
+        compiled_for(isa, || first_look(&mut outcomes, view, &stored));
         let mut kept = 0;
         for (gaussian, &outcome) in outcomes[..geometry.len() / Gaussians::GEOMETRY].iter().enumerate() {
             chunk.rejected += usize::from(outcome == REJECTED);
@@ -250,8 +271,10 @@ fn project_chunk<const DEGREE: usize>(
         // Once there are too many pairs they only are counted.
         let before = chunk.intersections;
         let keep = frame.intersections.load(Ordering::Relaxed) <= INTERSECTIONS_MAX;
-        find_shapes(&mut shapes, view, &stored);
-        find_colours::<DEGREE>(&mut colours, &shapes.direction, &gaussians[..kept], sh);
+        compiled_for(isa, || find_shapes(&mut shapes, view, &stored));
+        compiled_for(isa, || {
+            find_colours::<DEGREE, FMA>(&mut colours, &shapes.direction, &gaussians[..kept], sh);
+        });
         for (place, gaussian) in gaussians[..kept].iter().enumerate() {
             let rgb = colours[place];
             if shapes.outcome[place] != DRAWN {

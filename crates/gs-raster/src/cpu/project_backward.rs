@@ -1,25 +1,27 @@
 //! From sums per splat to gradients by what is stored and by the pose: [`Footprint`] and the colours backwards, in f64.
 
-use super::blend_backward::{MOMENTS, Summed, finite};
+use super::blend::Lists;
+use super::blend_backward::{MOMENTS, SHARES, Summed, finite};
 use super::footprint::{BLOCK, Columns, Footprint, View};
-use super::project::{CHUNK, Splat, Splats};
+use super::project::{CHUNK, Splat};
 use super::{math, sh};
 use crate::{Gradients, PoseGradient, RenderSettings};
+use cpu_kernels::{Isa, compiled_for};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
-use multiversion::multiversion;
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
 
-/// Adds the gradients of the splats, whose sums are in `order`, to `gradients`; returns those by the pose.
+/// Adds the gradients of the splats, whose sums are in `order`, to `gradients`, and the sums of their shares to `shares`
+/// if there are any; returns the gradients by the pose.
 pub(super) fn project_backward(
     gaussians: &Gaussians,
     camera: &Camera,
     settings: &RenderSettings,
-    splats: &Splats,
-    order: &[u32],
+    (Lists { splats, isa, .. }, order): (Lists, &[u32]),
     summed: &Summed,
     gradients: &mut Gradients,
+    shares: Option<&mut [[f32; 2]]>,
 ) -> PoseGradient {
     let mut places = vec![0; splats.end()];
     for (place, &index) in (0u32..).zip(order) {
@@ -28,12 +30,16 @@ pub(super) fn project_backward(
     let view = View::new(camera, settings);
     let degree = gaussians.sh_degree();
     let chunk_backward = match degree {
-        0 => chunk_backward::<0>,
-        1 => chunk_backward::<1>,
-        2 => chunk_backward::<2>,
-        _ => chunk_backward::<3>,
+        0 => compiled::<0>,
+        1 => compiled::<1>,
+        2 => compiled::<2>,
+        _ => compiled::<3>,
     };
     let sh_row = sh_coefficients(degree) * 3;
+    let mut shares: Vec<&mut [[f32; 2]]> = match shares {
+        Some(shares) => shares.chunks_mut(CHUNK).collect(),
+        None => (0..gaussians.len().div_ceil(CHUNK)).map(|_| <&mut [[f32; 2]]>::default()).collect(),
+    };
     let poses: Vec<PoseGradient> = splats
         .chunks()
         .zip(places.par_chunks(CHUNK))
@@ -41,9 +47,10 @@ pub(super) fn project_backward(
         .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
         .zip(gradients.geometry.par_chunks_mut(CHUNK * Gaussians::GEOMETRY))
         .zip(gradients.sh.par_chunks_mut(CHUNK * sh_row))
-        .map(|(((((splats, places), geometry), sh), geometry_gradients), sh_gradients)| {
-            let chunk = Chunk { splats, places, geometry, sh, geometry_gradients, sh_gradients };
-            chunk_backward(chunk, &view, summed)
+        .zip(&mut shares)
+        .map(|((((((splats, places), geometry), sh), geometry_gradients), sh_gradients), shares)| {
+            let chunk = Chunk { splats, places, geometry, sh, geometry_gradients, sh_gradients, shares };
+            chunk_backward(isa, chunk, &view, summed)
         })
         .collect();
     let mut sum = PoseGradient { rotation: DMat3::ZERO, translation: DVec3::ZERO };
@@ -63,9 +70,15 @@ struct Chunk<'a> {
     sh: &'a [f32],
     geometry_gradients: &'a mut [f32],
     sh_gradients: &'a mut [f32],
+    /// Empty if nobody asks for them.
+    shares: &'a mut [[f32; 2]],
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
+fn compiled<const DEGREE: usize>(isa: Isa, chunk: Chunk, view: &View, summed: &Summed) -> PoseGradient {
+    compiled_for(isa, || chunk_backward::<DEGREE>(chunk, view, summed))
+}
+
+#[inline(always)]
 fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summed) -> PoseGradient {
     let coefficients = sh_coefficients(DEGREE);
     let mut stored = Columns::new();
@@ -80,9 +93,13 @@ fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summe
         for (at, (splat, moments)) in splats.iter().zip(&moments).enumerate() {
             let row = splat.gaussian as usize;
             stored.set(at, &chunk.geometry[row * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY]);
-            block.active[at] = moments.iter().any(|&moment| moment != 0.0);
+            block.active[at] = moments[..SHARES].iter().any(|&moment| moment != 0.0);
             for (column, &moment) in block.moments.iter_mut().zip(moments) {
                 column[at] = moment;
+            }
+            if let Some(shares) = chunk.shares.get_mut(row) {
+                add(&mut shares[0], moments[SHARES]);
+                add(&mut shares[1], moments[SHARES + 1]);
             }
             let rgb = colour_gradient(splat, moments);
             let sh = &chunk.sh[row * coefficients * 3..][..coefficients * 3];
@@ -138,7 +155,7 @@ fn colour_gradient(splat: &Splat, moments: &[f32; MOMENTS]) -> [f32; 3] {
 struct Block {
     /// Whether the Gaussian has any gradient; elsewhere all columns may hold anything.
     active: [bool; BLOCK],
-    moments: [[f32; BLOCK]; MOMENTS],
+    moments: [[f32; BLOCK]; SHARES],
     /// Per SH coefficient, the gradient by its basis function; and the basis.
     weights: [[f32; BLOCK]; sh::COEFFICIENTS_MAX],
     basis: [[f32; BLOCK]; sh::COEFFICIENTS_MAX],
@@ -153,7 +170,7 @@ impl Block {
     fn new() -> Self {
         Self {
             active: [false; BLOCK],
-            moments: [[0.0; BLOCK]; MOMENTS],
+            moments: [[0.0; BLOCK]; SHARES],
             weights: [[0.0; BLOCK]; sh::COEFFICIENTS_MAX],
             basis: [[0.0; BLOCK]; sh::COEFFICIENTS_MAX],
             shift: [[0.0; BLOCK]; 3],

@@ -1,14 +1,14 @@
 //! Shapes and colours of the splats of a block: culling, projection, bounds.
 //!
-//! Every function here is a loop over a block that becomes vector instructions, and is compiled for several instruction
-//! sets. They are functions of their own so that the compiler knows that what they read and what they write lies apart.
+//! Every function here is a loop over a block that the compiler turns into vector instructions, inside
+//! [`compiled_for`](cpu_kernels::compiled_for). They are functions of their own so that the compiler knows that what they
+//! read and what they write lies apart.
 
 use super::footprint::{BLOCK, Columns, Footprint, View};
 use super::project::Splat;
 use super::span::Bounds;
 use super::{math, sh};
 use gs_scene::sh_coefficients;
-use multiversion::{multiversion, target::target_cfg_f};
 use std::f64::consts::{LN_2, LOG2_E};
 
 /// Outcomes: not in the image; in it; not drawable.
@@ -17,7 +17,7 @@ pub(super) const DRAWN: u32 = 1;
 pub(super) const REJECTED: u32 = 2;
 
 /// What can be said of Gaussians before their shapes are known.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
+#[inline(always)]
 pub(super) fn first_look(outcomes: &mut [u32; BLOCK], view: &View, stored: &Columns) {
     for (place, outcome) in outcomes.iter_mut().enumerate() {
         *outcome = outcome_at_first(view, stored, place);
@@ -44,7 +44,7 @@ fn outcome_at_first(view: &View, stored: &Columns, place: usize) -> u32 {
 }
 
 /// The shapes of Gaussians that passed the first look.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
+#[inline(always)]
 pub(super) fn find_shapes(shapes: &mut Shapes, view: &View, stored: &Columns) {
     for place in 0..BLOCK {
         shapes.set(place, view, stored);
@@ -52,22 +52,8 @@ pub(super) fn find_shapes(shapes: &mut Shapes, view: &View, stored: &Columns) {
 }
 
 /// The colours, before they are cut at 0, of Gaussians with numbers `gaussians` in the block whose coefficients are `sh`.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2+fma"))]
-pub(super) fn find_colours<const DEGREE: usize>(
-    colours: &mut [[f32; 3]; BLOCK],
-    direction: &[[f32; BLOCK]; 3],
-    gaussians: &[usize],
-    sh: &[f32],
-) {
-    if cfg!(target_arch = "aarch64") || target_cfg_f!(target_feature = "fma") {
-        find_colours_with::<DEGREE, true>(colours, direction, gaussians, sh);
-    } else {
-        find_colours_with::<DEGREE, false>(colours, direction, gaussians, sh);
-    }
-}
-
 #[inline(always)]
-fn find_colours_with<const DEGREE: usize, const FMA: bool>(
+pub(super) fn find_colours<const DEGREE: usize, const FMA: bool>(
     colours: &mut [[f32; 3]; BLOCK],
     direction: &[[f32; BLOCK]; 3],
     gaussians: &[usize],

@@ -6,7 +6,7 @@ use crate::scenes::backward;
 use gs_raster::{Error, Gradients, PixelGradients, Rasterizer, RenderSettings};
 use gs_reference::tolerance::F32_RANDOM_GRADIENT;
 use gs_reference::{Variable, compare};
-use gs_scene::{Camera, Gaussians};
+use gs_scene::{Camera, Gaussians, SH_C0};
 
 const BACKGROUND: [f32; 3] = [0.2, 0.5, 0.9];
 
@@ -49,6 +49,50 @@ fn bits(gradients: &Gradients) -> Vec<u64> {
         pose.rotation.to_cols_array().into_iter().chain(pose.translation.to_array()).collect::<Vec<f64>>()
     });
     single.chain(gradients.background.into_iter().chain(poses).map(f64::to_bits)).collect()
+}
+
+#[test]
+fn shares_are_the_weights_of_the_colours() {
+    let (scene, camera) = discs(400);
+    let settings = RenderSettings { background: BACKGROUND, ..RenderSettings::default() };
+    let size = camera.width() * camera.height();
+    let values: Vec<f32> = (0..size).map(|i| noise(5, i)).collect();
+    let mut rasterizer = Rasterizer::cpu();
+    let (rendered, tape) = rasterizer.record(&scene, &[camera], &settings).expect("valid");
+    let pixels = some_pixels(&camera);
+    let pixels = [PixelGradients { depth: None, ..pixels }];
+    let (gradients, shares) = rasterizer
+        .backward_with_shares(&scene, &tape, &pixels, std::slice::from_ref(&values))
+        .expect("valid");
+    // The derivatives are what they are without.
+    assert_eq!(bits(&gradients), bits(&rasterizer.backward(&scene, &tape, &pixels).expect("valid")));
+
+    // By a colour that is not cut at 0, which is multiplied by its share.
+    let image = values.iter().flat_map(|value| [1.0, *value, 0.0]).collect();
+    let by_shares = [PixelGradients { image, alpha: None, depth: None }];
+    let by_colour = rasterizer.backward(&scene, &tape, &by_shares).expect("valid").sh;
+    let mut uncut = 0;
+    for (of_gaussian, shares) in by_colour.chunks_exact(27).zip(&shares) {
+        for (by_colour, share) in of_gaussian.iter().zip(shares) {
+            let expected = by_colour / SH_C0;
+            uncut += usize::from(expected != 0.0);
+            assert!(expected == 0.0 || (expected - share).abs() < 1e-4, "{share} {expected}");
+        }
+    }
+    assert!(uncut > 600, "{uncut}");
+
+    // Together they are the opacity of every pixel.
+    let alpha = || rendered[0].alpha.iter().map(|&alpha| f64::from(alpha));
+    let expected: [f64; 2] = [alpha().sum(), alpha().zip(&values).map(|(a, &v)| a * f64::from(v)).sum()];
+    for (k, expected) in expected.into_iter().enumerate() {
+        let found: f64 = shares.iter().map(|shares| f64::from(shares[k])).sum();
+        assert!((found - expected).abs() < 1e-5 * size as f64, "{found} {expected}");
+    }
+
+    let short = rasterizer.backward_with_shares(&scene, &tape, &pixels, &[values[1..].to_vec()]);
+    assert!(matches!(short, Err(Error::PixelGradientLength { what: "values", .. })), "{short:?}");
+    let none = rasterizer.backward_with_shares(&scene, &tape, &pixels, &[]);
+    assert!(matches!(none, Err(Error::Views { expected: 1, found: 0 })), "{none:?}");
 }
 
 #[test]

@@ -28,7 +28,7 @@ const OF_PART: usize = 12;
 pub(super) const FEEDBACK: usize = 2 * OF_PART;
 /// None of them is farther from 0.
 const LARGEST: f32 = 3.0;
-/// Colours are drawn no darker than this: one that is cut at 0 would have no gradient, from which Σ w is read.
+/// Colours are drawn no darker than this: one that is cut at 0 would have no gradient, from which Σ w e is read.
 const DARKEST: f32 = 1e-4;
 /// Share of the cell's area that is added to Σ w: what is hardly seen is told little.
 const AREA_SHARE: f32 = 0.1;
@@ -61,19 +61,18 @@ pub(super) fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
         let rendered = rendered[0].image.data();
         let error: Vec<f32> =
             view.image().data().iter().zip(rendered).map(|(photograph, r)| photograph - r).collect();
-        // What a pixel sends back to a colour is multiplied by w: of 1 there remains Σ w.
-        let counts = error.chunks_exact(3).flat_map(|e| [1.0, e.iter().map(|e| e * e).sum(), 0.0]).collect();
-        let pixels = |image| [PixelGradients { image, alpha: None, depth: None }];
-        let by_error = rasterizer.backward(&scene, &tape, &pixels(error)).map_err(failed)?;
-        let by_counts = rasterizer.backward(&scene, &tape, &pixels(counts)).map_err(failed)?;
-        let rows = by_error.geometry.chunks_exact(Gaussians::GEOMETRY);
-        let rows = rows.zip(by_error.sh.chunks_exact(3)).zip(by_counts.sh.chunks_exact(3));
-        for (((geometry, colour), counts), (sums, &own)) in
+        let squares = error.chunks_exact(3).map(|e| e.iter().map(|e| e * e).sum()).collect();
+        let pixels = PixelGradients { image: error, alpha: None, depth: None };
+        let (gradients, shares) =
+            rasterizer.backward_with_shares(&scene, &tape, &[pixels], &[squares]).map_err(failed)?;
+        let rows = gradients.geometry.chunks_exact(Gaussians::GEOMETRY);
+        let rows = rows.zip(gradients.sh.chunks_exact(3)).zip(&shares);
+        for (((geometry, colour), [weight, squared_error]), (sums, &own)) in
             rows.zip(sums.iter_mut().zip(&anchored.anchors.views))
         {
             let sums = &mut sums[usize::from(own as usize != index)];
-            sums.weight += counts[0] / SH_C0;
-            sums.squared_error += counts[1] / SH_C0;
+            sums.weight += weight;
+            sums.squared_error += squared_error;
             sums.error += Vec3::from_slice(colour) / SH_C0;
             sums.by_opacity += geometry[OPACITY_LOGIT];
             sums.by_scale += Vec3::from_slice(&geometry[LOG_SCALE]);
