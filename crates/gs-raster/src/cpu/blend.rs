@@ -192,6 +192,7 @@ pub(super) struct Row<S: Simd> {
 }
 
 /// A splat in a vector of pixels.
+#[derive(Clone, Copy)]
 pub(super) struct Touch<S: Simd> {
     /// Distance from the middle of the ellipse's row, pixels.
     pub(super) dx: S::f32s,

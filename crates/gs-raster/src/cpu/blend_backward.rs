@@ -325,8 +325,8 @@ fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
         sums.weight[5] = simd.mul_add_e_f32s(weight, value, sums.weight[5]);
     }
     let rgb = [0, 1, 2].map(|channel| vectors::<S>(&tile.rgb[channel][patch])[v]);
-    for channel in 0..3 {
-        sums.weight[channel] = simd.mul_add_e_f32s(weight, rgb[channel], sums.weight[channel]);
+    for (sum, gradient) in sums.weight.iter_mut().zip(rgb) {
+        *sum = simd.mul_add_e_f32s(weight, gradient, *sum);
     }
     let mut q = simd.mul_f32s(rgb[0], number(splat.rgb[0]));
     q = simd.mul_add_e_f32s(rgb[1], number(splat.rgb[1]), q);

@@ -49,8 +49,8 @@ pub(super) fn project_backward(
         .zip(gradients.sh.par_chunks_mut(CHUNK * sh_row))
         .zip(&mut shares)
         .map(|((((((splats, places), geometry), sh), geometry_gradients), sh_gradients), shares)| {
-            let chunk = Chunk { splats, places, geometry, sh, geometry_gradients, sh_gradients, shares };
-            chunk_backward(isa, chunk, &view, summed)
+            let mut chunk = Chunk { splats, places, geometry, sh, geometry_gradients, sh_gradients, shares };
+            chunk_backward(isa, &mut chunk, &view, summed)
         })
         .collect();
     let mut sum = PoseGradient { rotation: DMat3::ZERO, translation: DVec3::ZERO };
@@ -74,12 +74,17 @@ struct Chunk<'a> {
     shares: &'a mut [[f32; 2]],
 }
 
-fn compiled<const DEGREE: usize>(isa: Isa, chunk: Chunk, view: &View, summed: &Summed) -> PoseGradient {
+fn compiled<const DEGREE: usize>(
+    isa: Isa,
+    chunk: &mut Chunk<'_>,
+    view: &View,
+    summed: &Summed,
+) -> PoseGradient {
     compiled_for(isa, || chunk_backward::<DEGREE>(chunk, view, summed))
 }
 
 #[inline(always)]
-fn chunk_backward<const DEGREE: usize>(chunk: Chunk, view: &View, summed: &Summed) -> PoseGradient {
+fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summed: &Summed) -> PoseGradient {
     let coefficients = sh_coefficients(DEGREE);
     let mut stored = Columns::new();
     let mut block = Block::new();
