@@ -5,7 +5,6 @@
 mod browser;
 mod consumer;
 mod run;
-mod sets;
 mod test;
 mod tidy;
 
@@ -40,7 +39,7 @@ Checks for developers:
                reports in a real browser (Chromium): plots, pictures, sliders, console; without a page it makes them first
   shader NAME  a shader as it is compiled; without a name it lists them
   tidy         rules that no compiler knows: file sizes, paths in documents, names of crates
-  ci           formatting, lints, tidy, tests with --gpu and under every instruction set, documentation, packages, use from outside: all that must pass
+  ci           formatting, lints, tidy, tests with --gpu, documentation, packages, use from outside: all that must pass
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
@@ -134,7 +133,7 @@ const SAME_CASES: [(&str, &str); 1] = [("PROPTEST_RNG_SEED", "20251")];
 const EXTRAS: &str = "sparsesplat-cli/peers,sparsesplat-cli/hf-hub";
 
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 13] = [
+const CI: [Step; 12] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
@@ -158,7 +157,6 @@ const CI: [Step; 13] = [
         &[],
     ),
     Step::Cargo("test", &["xtask", "test", "--gpu", "--features", EXTRAS], &SAME_CASES),
-    Step::Check("instruction sets", sets::check),
     Step::Cargo(
         "test without rayon and serde",
         &["test", "--package", "knn", "--package", "entropy-sampler", "--no-default-features"],
