@@ -107,19 +107,6 @@ pub(crate) fn agree(
     inverse_depth.par_iter().enumerate().with_min_len(1 << 12).map(judge).collect()
 }
 
-/// 1 where the other view sees the pixel's point, 0 where it is hidden from it or outside.
-pub(crate) fn visible(view: &View, inverse_depth: &[f32], witness: &Witness, planes: &Planes) -> Vec<f32> {
-    let width = view.camera().width();
-    let judge = |(i, &w): (usize, &f32)| {
-        let (u, v) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
-        match witness.opinion(u, v, w, planes, 2.0) {
-            Opinion::Unseen | Opinion::Hidden => 0.0,
-            Opinion::Agrees(_) | Opinion::Floats => 1.0,
-        }
-    };
-    inverse_depth.par_iter().enumerate().with_min_len(1 << 12).map(judge).collect()
-}
-
 /// Whether the photographs contradict a pixel's point: its colour is far from what the views see there that should
 /// see it, and it floats before a surface of one of them, or the colours differ grossly.
 pub(crate) fn contradicted(

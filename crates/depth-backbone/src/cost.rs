@@ -1,19 +1,33 @@
 //! The matching cost: zero-mean normalised cross-correlation (ZNCC) of 7×7 windows, the best of several sources.
+//!
+//! A picture is matched strip by strip. Rows of a source are warped into the reference one after the other; sums over seven
+//! rows run along, so that a row costs the same whatever the height of the window.
 
 use crate::pair::Pair;
-use crate::texture::{RowScratch, Texture};
-use multiversion::multiversion;
+use crate::sgm;
+use crate::texture::{Sampler, Texture, splat};
+use cpu_kernels::pulp::{Simd, WithSimd};
+use cpu_kernels::{Isa, dispatch};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Half the window: 7×7 pixels.
 const RADIUS: usize = 3;
-const WINDOW: f32 = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32;
+/// Rows and columns of the window.
+const SIDE: usize = 2 * RADIUS + 1;
+const WINDOW: f32 = (SIDE * SIDE) as f32;
 /// Added to both variances (8-bit levels²): noise of a flat patch must not correlate.
 const NOISE_VARIANCE: f32 = 2.0;
 /// Cost where the point lies outside a source.
 const OUTSIDE_COST: f32 = 0.75;
 /// Rows per task: the buffers of a strip stay in the second-level cache.
 const STRIP: usize = 32;
+/// Lanes of the widest vectors: rows are filled up to a multiple, so that vectors have no rest.
+const LANES: usize = 16;
+/// Costs 0..1 are stored as 0..`COST_LEVELS`: as fine as sums of eight paths, each with the price of a jump, leave room for in 16 bits.
+pub(crate) const COST_LEVELS: f32 = 4000.0;
+/// Stored cost beyond all others.
+const BEYOND: u16 = 5000;
 
 /// Window statistics of a reference view.
 #[derive(Debug)]
@@ -28,17 +42,11 @@ fn clamped(y: usize, offset: usize, height: usize) -> usize {
 }
 
 /// Repeats the first and last of `n` column sums into the margins on both sides.
+#[inline(always)]
 fn extend_margins(columns: &mut [f32], n: usize) {
     let (first, last) = (columns[RADIUS], columns[RADIUS + n - 1]);
     columns[..RADIUS].fill(first);
-    columns[RADIUS + n..].fill(last);
-}
-
-/// Sum of the seven columns around each pixel.
-#[inline(always)]
-fn seven(columns: &[f32], i: usize) -> f32 {
-    let c = &columns[i..i + 7];
-    ((c[0] + c[1]) + (c[2] + c[3])) + ((c[4] + c[5]) + c[6])
+    columns[RADIUS + n..][..RADIUS].fill(last);
 }
 
 impl WindowStatistics {
@@ -50,7 +58,7 @@ impl WindowStatistics {
         rows.for_each(|(y, (mean, inverse_deviation))| {
             let mut sums = vec![0.0; width + 2 * RADIUS];
             let mut squares = sums.clone();
-            for offset in 0..=2 * RADIUS {
+            for offset in 0..SIDE {
                 let row = &texture.values[clamped(y, offset, height) * width..][..width];
                 for (x, &v) in row.iter().enumerate() {
                     sums[RADIUS + x] += v;
@@ -60,8 +68,9 @@ impl WindowStatistics {
             extend_margins(&mut sums, width);
             extend_margins(&mut squares, width);
             for x in 0..width {
-                mean[x] = seven(&sums, x) / WINDOW;
-                let variance = (seven(&squares, x) / WINDOW - mean[x] * mean[x]).max(0.0);
+                mean[x] = sums[x..][..SIDE].iter().sum::<f32>() / WINDOW;
+                let variance =
+                    (squares[x..][..SIDE].iter().sum::<f32>() / WINDOW - mean[x] * mean[x]).max(0.0);
                 inverse_deviation[x] = 1.0 / (variance + NOISE_VARIANCE).sqrt();
             }
         });
@@ -71,137 +80,6 @@ impl WindowStatistics {
     /// Standard deviation of the luma in the window around a pixel, 8-bit levels.
     pub(crate) fn deviation(&self, pixel: usize) -> f32 {
         (self.inverse_deviation[pixel].powi(-2) - NOISE_VARIANCE).max(0.0).sqrt()
-    }
-}
-
-/// Running column sums of the warped picture, its square and its product with the reference.
-struct ColumnSums {
-    warped: Vec<f32>,
-    squares: Vec<f32>,
-    products: Vec<f32>,
-}
-
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn add_row(warped: &[f32], reference: &[f32], sums: [&mut [f32]; 3], sign: f32) {
-    let n = warped.len();
-    let reference = &reference[..n];
-    let [sum, squares, products] = sums;
-    let (sum, squares, products) = (&mut sum[..n], &mut squares[..n], &mut products[..n]);
-    for i in 0..n {
-        let signed = warped[i] * sign;
-        sum[i] += signed;
-        squares[i] += signed * warped[i];
-        products[i] += signed * reference[i];
-    }
-}
-
-/// ZNCC cost of one row, put where it belongs among the two smallest so far.
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn keep_two_smallest(
-    [warped, squares, products]: [&[f32]; 3],
-    [mean, inverse_deviation, inside]: [&[f32]; 3],
-    smallest: &mut [f32],
-    second: &mut [f32],
-) {
-    let n = smallest.len();
-    let (mean, inverse_deviation, inside) = (&mean[..n], &inverse_deviation[..n], &inside[..n]);
-    let second = &mut second[..n];
-    let (warped, squares, products) = (&warped[..n + 6], &squares[..n + 6], &products[..n + 6]);
-    for i in 0..n {
-        let warped_mean = seven(warped, i) * (1.0 / WINDOW);
-        let variance = (seven(squares, i) * (1.0 / WINDOW) - warped_mean * warped_mean).max(0.0);
-        let covariance = seven(products, i) * (1.0 / WINDOW) - warped_mean * mean[i];
-        let correlation = covariance * inverse_deviation[i] / (variance + NOISE_VARIANCE).sqrt();
-        let cost = (1.0 - correlation).clamp(0.0, 1.0);
-        let cost = if inside[i] > 0.0 { cost } else { OUTSIDE_COST };
-        second[i] = second[i].min(smallest[i].max(cost));
-        smallest[i] = smallest[i].min(cost);
-    }
-}
-
-/// One strip of the reference, warped row by row from one source.
-struct Strip {
-    /// `[rows + 6, width]`.
-    warped: Vec<f32>,
-    /// `[rows + 6, width]`.
-    inside: Vec<f32>,
-    columns: ColumnSums,
-    scratch: RowScratch,
-}
-
-impl Strip {
-    fn new(width: usize) -> Self {
-        let sums = vec![0.0; width + 2 * RADIUS];
-        Self {
-            warped: vec![0.0; (STRIP + 2 * RADIUS) * width],
-            inside: vec![0.0; (STRIP + 2 * RADIUS) * width],
-            columns: ColumnSums { warped: sums.clone(), squares: sums.clone(), products: sums },
-            scratch: RowScratch::new(width),
-        }
-    }
-
-    /// Costs of the rows `first..first + n_rows` against one source, at the inverse depths that `w` gives per row.
-    fn match_source<'w>(
-        &mut self,
-        reference: &Reference,
-        source: &Source,
-        [first, n_rows]: [usize; 2],
-        w: impl Fn(usize) -> &'w [f32],
-        smallest: &mut [f32],
-        second: &mut [f32],
-    ) {
-        let (width, height) = (reference.texture.width, reference.texture.height);
-        let span = |row: usize| row * width..(row + 1) * width;
-        for row in 0..n_rows + 2 * RADIUS {
-            let y = clamped(first, row, height);
-            if row > 0 && y == clamped(first, row - 1, height) {
-                self.warped.copy_within(span(row - 1), row * width);
-                self.inside.copy_within(span(row - 1), row * width);
-                continue;
-            }
-            let (warped, inside) = (&mut self.warped[span(row)], &mut self.inside[span(row)]);
-            source.texture.warp_row(&source.pair, y, w(y), warped, inside, &mut self.scratch);
-            if let Some(visible) = source.visible {
-                for (inside, &visible) in inside.iter_mut().zip(&visible[span(y)]) {
-                    *inside *= visible;
-                }
-            }
-        }
-        let columns = &mut self.columns;
-        columns.warped.fill(0.0);
-        columns.squares.fill(0.0);
-        columns.products.fill(0.0);
-        let centre = RADIUS..RADIUS + width;
-        let add = |columns: &mut ColumnSums, row: usize, sign: f32| {
-            let sums = [
-                &mut columns.warped[centre.clone()],
-                &mut columns.squares[centre.clone()],
-                &mut columns.products[centre.clone()],
-            ];
-            let y = clamped(first, row, height);
-            add_row(&self.warped[span(row)], &reference.texture.values[span(y)], sums, sign);
-        };
-        for row in 0..2 * RADIUS {
-            add(columns, row, 1.0);
-        }
-        for row in 0..n_rows {
-            add(columns, row + 2 * RADIUS, 1.0);
-            extend_margins(&mut columns.warped, width);
-            extend_margins(&mut columns.squares, width);
-            extend_margins(&mut columns.products, width);
-            let y = first + row;
-            keep_two_smallest(
-                [&columns.warped, &columns.squares, &columns.products],
-                [
-                    &reference.statistics.mean[span(y)],
-                    &reference.statistics.inverse_deviation[span(y)],
-                    &self.inside[span(row + RADIUS)],
-                ],
-                &mut smallest[span(row)],
-                &mut second[span(row)],
-            );
-            add(columns, row, -1.0);
-        }
     }
 }
 
@@ -217,81 +95,428 @@ pub(crate) struct Reference<'a> {
 pub(crate) struct Source<'a> {
     pub(crate) texture: &'a Texture,
     pub(crate) pair: Pair,
-    /// 1 where the reference pixel is seen from the source, as far as known.
-    pub(crate) visible: Option<&'a [f32]>,
 }
 
-/// Runs `fill(first row, its n rows, smallest, second)` for each strip of the picture in parallel, and gathers what it
-/// returns, one vector per strip.
-fn by_strips<T: Send>(height: usize, work: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
-    let strips = height.div_ceil(STRIP);
-    (0..strips)
-        .into_par_iter()
-        .map(|strip| {
-            let first = strip * STRIP;
-            work(first, STRIP.min(height - first))
-        })
-        .collect()
+/// The inverse depths that are tried at each pixel: `surface + offset`, kept within `ends`. Without a surface they are planes, and the
+/// offset is all there is to them. Where there is one, windows follow it: each of their pixels is warped by its own depth.
+#[derive(Clone, Copy)]
+pub(crate) struct Hypotheses<'a> {
+    /// `[height, width]`.
+    pub(crate) surface: Option<&'a [f32]>,
+    pub(crate) offsets: &'a [f32],
+    /// Smallest and largest inverse depth.
+    pub(crate) ends: (f32, f32),
 }
 
-/// Cost of the best two sources per pixel, 0..1; the smaller one alone where there is a single source.
-fn mean_of_two(smallest: &[f32], second: &[f32], sources: usize) -> impl Iterator<Item = f32> {
-    smallest.iter().zip(second).map(move |(&a, &b)| if sources > 1 { 0.5 * (a + b) } else { a })
+/// Rows of a strip with three more above and below, each filled up to whole vectors, and what is summed along them.
+struct Strip {
+    width: usize,
+    /// `width`, filled up.
+    stride: usize,
+    /// Rows that are matched.
+    rows: Range<usize>,
+    height: usize,
+    /// Luma, mean and inverse deviation of the reference, inverse depth: `[rows + 6, stride]`.
+    luma: Vec<f32>,
+    mean: Vec<f32>,
+    inverse_deviation: Vec<f32>,
+    surface: Vec<f32>,
+    /// Centres of the pixels of a row.
+    centres: Vec<f32>,
+    sampler: Sampler,
+    /// The row that was warped last.
+    warped: Vec<f32>,
+    /// The last seven: luma, and whether it was seen.
+    ring: Vec<f32>,
+    inside: Vec<f32>,
+    /// Sums over seven rows of the warped luma, its square and its product with the reference, with margins.
+    sums: [Vec<f32>; 3],
+    /// The two smallest costs of any source, `[rows, stride]`; in the end their mean.
+    smallest: Vec<f32>,
+    second: Vec<f32>,
 }
 
-/// The cost volume `[height, width, planes]`, 255 = no correlation, of fronto-parallel planes at `inverse_depths`.
-pub(crate) fn plane_costs(reference: Reference, sources: &[Source], inverse_depths: &[f32]) -> Vec<u8> {
-    let (width, height) = (reference.texture.width, reference.texture.height);
-    let planes = inverse_depths.len();
-    let mut volume = vec![0_u8; width * height * planes];
-    volume.par_chunks_mut(STRIP * width * planes).enumerate().for_each(|(strip_index, volume)| {
-        let first = strip_index * STRIP;
-        let n_rows = STRIP.min(height - first);
-        let pixels = n_rows * width;
-        let mut strip = Strip::new(width);
-        let (mut smallest, mut second) = (vec![0.0; pixels], vec![0.0; pixels]);
-        let mut by_plane = vec![0_u8; planes * pixels];
-        for (plane, &inverse_depth) in by_plane.chunks_exact_mut(pixels).zip(inverse_depths) {
-            smallest.fill(1.0);
-            second.fill(1.0);
-            let w = vec![inverse_depth; width];
-            for source in sources {
-                strip.match_source(&reference, source, [first, n_rows], |_| &w, &mut smallest, &mut second);
+impl Strip {
+    /// The strip of rows `rows`. Without a surface the inverse depth is zero, and an offset all there is to it.
+    fn new(reference: Reference, surface: Option<&[f32]>, rows: Range<usize>) -> Self {
+        let (width, height) = (reference.texture.width, reference.texture.height);
+        let stride = width.next_multiple_of(LANES);
+        let taken = rows.len() + 2 * RADIUS;
+        let gather = |from: &[f32]| {
+            let mut out = vec![0.0; taken * stride];
+            for (row, out) in out.chunks_exact_mut(stride).enumerate() {
+                let y = clamped(rows.start, row, height);
+                out[..width].copy_from_slice(&from[y * width..][..width]);
             }
-            for (out, cost) in plane.iter_mut().zip(mean_of_two(&smallest, &second, sources.len())) {
-                *out = (cost * 255.0 + 0.5) as u8;
-            }
+            out
+        };
+        let sums = || vec![0.0; stride + 2 * RADIUS];
+        Self {
+            width,
+            stride,
+            height,
+            luma: gather(&reference.texture.values),
+            mean: gather(&reference.statistics.mean),
+            inverse_deviation: gather(&reference.statistics.inverse_deviation),
+            surface: surface.map_or_else(|| vec![0.0; taken * stride], gather),
+            centres: (0..stride).map(|x| x as f32 + 0.5).collect(),
+            sampler: Sampler::new(stride),
+            warped: vec![0.0; stride],
+            ring: vec![0.0; SIDE * stride],
+            inside: vec![0.0; SIDE * stride],
+            sums: [sums(), sums(), sums()],
+            smallest: vec![0.0; rows.len() * stride],
+            second: vec![0.0; rows.len() * stride],
+            rows,
         }
-        transpose(&by_plane, volume, pixels, planes);
-    });
-    volume
+    }
+
+    /// Costs of every row at the inverse depths `surface + offset`, kept within `ends`; they are in `smallest` then.
+    fn match_all(&mut self, isa: Isa, sources: &[Source], offset: f32, ends: (f32, f32)) {
+        dispatch(isa, Match { strip: self, sources, offset, ends });
+    }
+
+    /// Costs of the pixels of row `row` (of the strip).
+    fn costs(&self, row: usize) -> &[f32] {
+        &self.smallest[row * self.stride..][..self.width]
+    }
 }
 
-/// `[planes, pixels]` to `[pixels, planes]`, in blocks that fit the first-level cache.
-fn transpose(by_plane: &[u8], by_pixel: &mut [u8], pixels: usize, planes: usize) {
-    const BLOCK: usize = 64;
-    for start in (0..pixels).step_by(BLOCK) {
-        let end = (start + BLOCK).min(pixels);
-        for plane in 0..planes {
-            for pixel in start..end {
-                by_pixel[pixel * planes + plane] = by_plane[plane * pixels + pixel];
+/// One offset of a strip against all sources.
+struct Match<'a, 's> {
+    strip: &'a mut Strip,
+    sources: &'a [Source<'s>],
+    offset: f32,
+    ends: (f32, f32),
+}
+
+impl WithSimd for Match<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { strip, sources, offset, ends } = self;
+        strip.smallest.fill(1.0);
+        strip.second.fill(1.0);
+        for source in sources {
+            match_source(simd, strip, source, offset, ends);
+        }
+        if sources.len() > 1 {
+            let half = simd.splat_f32s(0.5);
+            let (first, _) = S::as_mut_simd_f32s(&mut strip.smallest);
+            let (second, _) = S::as_simd_f32s(&strip.second);
+            for (a, b) in first.iter_mut().zip(second) {
+                *a = simd.mul_f32s(half, simd.add_f32s(*a, *b));
             }
         }
     }
 }
 
-/// The costs `[height, width]`, 0..1, at one inverse depth per pixel. Windows follow the surface: each of their pixels
-/// is warped by its own depth.
-pub(crate) fn surface_costs(reference: Reference, sources: &[Source], inverse_depth: &[f32]) -> Vec<f32> {
-    let (width, height) = (reference.texture.width, reference.texture.height);
-    let strips = by_strips(height, |first, n_rows| {
-        let mut strip = Strip::new(width);
-        let (mut smallest, mut second) = (vec![1.0; n_rows * width], vec![1.0; n_rows * width]);
-        for source in sources {
-            let w = |y: usize| &inverse_depth[y * width..][..width];
-            strip.match_source(&reference, source, [first, n_rows], w, &mut smallest, &mut second);
+#[inline(always)]
+fn match_source<S: Simd>(simd: S, strip: &mut Strip, source: &Source, offset: f32, ends: (f32, f32)) {
+    let (width, stride, first) = (strip.width, strip.stride, strip.rows.start);
+    strip.ring.fill(0.0);
+    strip.sums.iter_mut().for_each(|sums| sums.fill(0.0));
+    for row in 0..strip.rows.len() + 2 * RADIUS {
+        let y = clamped(first, row, strip.height);
+        let slot = row % SIDE * stride;
+        if row > 0 && y == clamped(first, row - 1, strip.height) {
+            let last = (row - 1) % SIDE * stride;
+            strip.inside.copy_within(last..last + stride, slot);
+        } else {
+            let inside = &mut strip.inside[slot..][..stride];
+            let surface = &strip.surface[row * stride..][..stride];
+            strip.sampler.locate(
+                simd,
+                &source.pair,
+                source.texture,
+                y,
+                &strip.centres,
+                (surface, offset, ends),
+                inside,
+            );
+            strip.sampler.sample(simd, source.texture, &mut strip.warped);
         }
-        mean_of_two(&smallest, &second, sources.len()).collect::<Vec<_>>()
+        let luma = |row: usize| &strip.luma[row * stride..][..stride];
+        let left = if row < SIDE { row } else { row - SIDE };
+        replace_row(
+            simd,
+            &strip.warped,
+            &mut strip.ring[slot..][..stride],
+            [luma(row), luma(left)],
+            &mut strip.sums,
+        );
+        if row >= 2 * RADIUS {
+            strip.sums.iter_mut().for_each(|sums| extend_margins(sums, width));
+            let out = (row - 2 * RADIUS) * stride;
+            let centre = row - RADIUS;
+            keep_two_smallest(
+                simd,
+                &strip.sums,
+                [
+                    &strip.mean[centre * stride..][..stride],
+                    &strip.inverse_deviation[centre * stride..][..stride],
+                    &strip.inside[centre % SIDE * stride..][..stride],
+                ],
+                &mut strip.smallest[out..][..stride],
+                &mut strip.second[out..][..stride],
+            );
+        }
+    }
+}
+
+/// Takes the row that leaves the window out of the sums and adds the one that enters. `luma` is that of the reference at the
+/// entering and at the leaving row.
+#[inline(always)]
+fn replace_row<S: Simd>(
+    simd: S,
+    entering: &[f32],
+    leaving: &mut [f32],
+    luma: [&[f32]; 2],
+    sums: &mut [Vec<f32>; 3],
+) {
+    let n = entering.len() / S::F32_LANES;
+    let stride = entering.len();
+    let [new_luma, old_luma] = luma.map(|row| &S::as_simd_f32s(row).0[..n]);
+    let new = &S::as_simd_f32s(entering).0[..n];
+    let old = &mut S::as_mut_simd_f32s(leaving).0[..n];
+    let [sum, squares, products] =
+        sums.each_mut().map(|sums| &mut S::as_mut_simd_f32s(&mut sums[RADIUS..][..stride]).0[..n]);
+    for i in 0..n {
+        let (a, b) = (new[i], old[i]);
+        sum[i] = simd.add_f32s(sum[i], simd.sub_f32s(a, b));
+        squares[i] = simd.negate_mul_add_e_f32s(b, b, simd.mul_add_e_f32s(a, a, squares[i]));
+        products[i] =
+            simd.negate_mul_add_e_f32s(b, old_luma[i], simd.mul_add_e_f32s(a, new_luma[i], products[i]));
+        old[i] = a;
+    }
+}
+
+/// ZNCC costs of one row, put where they belong among the two smallest so far.
+#[inline(always)]
+fn keep_two_smallest<S: Simd>(
+    simd: S,
+    sums: &[Vec<f32>; 3],
+    [mean, inverse_deviation, inside]: [&[f32]; 3],
+    smallest: &mut [f32],
+    second: &mut [f32],
+) {
+    let n = smallest.len() / S::F32_LANES;
+    let [mean, inverse_deviation, inside] =
+        [mean, inverse_deviation, inside].map(|row| &S::as_simd_f32s(row).0[..n]);
+    let smallest = &mut S::as_mut_simd_f32s(smallest).0[..n];
+    let second = &mut S::as_mut_simd_f32s(second).0[..n];
+    let [share, noise, outside] = splat(simd, [1.0 / WINDOW, NOISE_VARIANCE, OUTSIDE_COST]);
+    let [zero, one] = splat(simd, [0.0, 1.0]);
+    for i in 0..n {
+        let mut means = [zero; 3];
+        for (mean, sums) in means.iter_mut().zip(sums) {
+            // The window's seven columns of as many pixels as a vector has.
+            let columns = &sums[i * S::F32_LANES..][..S::F32_LANES + 2 * RADIUS];
+            let mut sevens = [zero; SIDE];
+            for (by, seven) in sevens.iter_mut().enumerate() {
+                *seven = S::as_simd_f32s(&columns[by..][..S::F32_LANES]).0[0];
+            }
+            let [a, b, c, d, e, f, g] = sevens;
+            let (ab, cd) = (simd.add_f32s(a, b), simd.add_f32s(c, d));
+            let efg = simd.add_f32s(simd.add_f32s(e, f), g);
+            *mean = simd.mul_f32s(simd.add_f32s(simd.add_f32s(ab, cd), efg), share);
+        }
+        let [warped_mean, square, product] = means;
+        let variance = simd.negate_mul_add_e_f32s(warped_mean, warped_mean, square);
+        let covariance = simd.negate_mul_add_e_f32s(warped_mean, mean[i], product);
+        let deviation = simd.sqrt_f32s(simd.add_f32s(simd.max_f32s(variance, zero), noise));
+        let correlation = simd.div_f32s(simd.mul_f32s(covariance, inverse_deviation[i]), deviation);
+        let cost = simd.min_f32s(simd.max_f32s(simd.sub_f32s(one, correlation), zero), one);
+        let cost = simd.select_f32s(simd.greater_than_f32s(inside[i], zero), cost, outside);
+        second[i] = simd.min_f32s(second[i], simd.max_f32s(smallest[i], cost));
+        smallest[i] = simd.min_f32s(smallest[i], cost);
+    }
+}
+
+/// The strips of a picture: their rows.
+fn strips(height: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
+    (0..height.div_ceil(STRIP)).into_par_iter().map(move |strip| {
+        let first = strip * STRIP;
+        first..(first + STRIP).min(height)
+    })
+}
+
+/// The cost volume `[height, width, planes]`, 0..[`COST_LEVELS`]. There are as many planes as offsets, filled up to whole vectors with
+/// costs beyond all others.
+pub(crate) fn volume(
+    isa: Isa,
+    reference: Reference,
+    sources: &[Source],
+    hypotheses: &Hypotheses,
+) -> Vec<u16> {
+    let (width, height) = (reference.texture.width, reference.texture.height);
+    let Hypotheses { surface, offsets, ends } = *hypotheses;
+    let count = offsets.len();
+    let planes = count.next_multiple_of(sgm::LANES);
+    let mut volume = vec![BEYOND; width * height * planes];
+    volume.par_chunks_mut(STRIP * width * planes).zip(strips(height)).for_each(|(volume, rows)| {
+        let mut strip = Strip::new(reference, surface, rows);
+        let pixels = strip.rows.len() * width;
+        let mut by_offset = vec![0_u16; count * pixels];
+        for (out, &offset) in by_offset.chunks_exact_mut(pixels).zip(offsets) {
+            strip.match_all(isa, sources, offset, ends);
+            for (row, out) in out.chunks_exact_mut(width).enumerate() {
+                for (out, &cost) in out.iter_mut().zip(strip.costs(row)) {
+                    // Adding 2²³ rounds, and leaves the number in the low bits.
+                    *out = (cost * COST_LEVELS + 8_388_608.0).to_bits() as u16;
+                }
+            }
+        }
+        transpose(&by_offset, volume, pixels, planes);
     });
-    strips.concat()
+    volume
+}
+
+/// `[count, pixels]` to `[pixels, planes]`, in blocks that fit the first-level cache.
+fn transpose(by_offset: &[u16], by_pixel: &mut [u16], pixels: usize, planes: usize) {
+    const BLOCK: usize = 64;
+    for start in (0..pixels).step_by(BLOCK) {
+        let end = (start + BLOCK).min(pixels);
+        for (plane, costs) in by_offset.chunks_exact(pixels).enumerate() {
+            for pixel in start..end {
+                by_pixel[pixel * planes + plane] = costs[pixel];
+            }
+        }
+    }
+}
+
+/// The costs `[height, width]`, 0..1, of a surface. Windows follow it: each of their pixels is warped by its own depth.
+pub(crate) fn surface_costs(
+    isa: Isa,
+    reference: Reference,
+    sources: &[Source],
+    surface: &[f32],
+    ends: (f32, f32),
+) -> Vec<f32> {
+    let (width, height) = (reference.texture.width, reference.texture.height);
+    let mut costs = vec![0.0; width * height];
+    costs.par_chunks_mut(STRIP * width).zip(strips(height)).for_each(|(costs, rows)| {
+        let mut strip = Strip::new(reference, Some(surface), rows);
+        strip.match_all(isa, sources, 0.0, ends);
+        for (row, costs) in costs.chunks_exact_mut(width).enumerate() {
+            costs.copy_from_slice(strip.costs(row));
+        }
+    });
+    costs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DMat3, DVec3};
+    use gs_scene::{Camera, Image, Intrinsics};
+    use proptest::prelude::*;
+
+    const LENS: Intrinsics = Intrinsics { fx: 20.0, fy: 20.0, cx: 10.0, cy: 8.0, width: 0, height: 0 };
+
+    fn texture(width: usize, height: usize, seed: u32) -> Texture {
+        let random = |i: usize| (((i as u32 ^ seed).wrapping_mul(2_654_435_761) >> 13) % 256) as u8;
+        let bytes: Vec<u8> = (0..width * height).flat_map(|i| [random(i); 3]).collect();
+        Texture::new(&Image::from_rgb8(width, height, &bytes).unwrap())
+    }
+
+    fn camera(width: usize, height: usize, x: f64) -> Camera {
+        let lens = Intrinsics { width, height, ..LENS };
+        Camera::new(lens, DMat3::from_rotation_y(0.1 * x), DVec3::new(x, 0.05 * x, 0.0)).unwrap()
+    }
+
+    /// The definition in f64, pixel by pixel: bilinear samples of the whole window, ZNCC, the mean of the best two sources.
+    fn plainly(reference: &Texture, sources: &[Source], w: impl Fn(usize) -> f32) -> Vec<f64> {
+        let (width, height) = (reference.width, reference.height);
+        let sample = |source: &Source, x: usize, y: usize| {
+            let h = source.pair.project(x as f32 + 0.5, y as f32 + 0.5, w(y * width + x));
+            let (u, v) = (f64::from(h.x / h.z), f64::from(h.y / h.z));
+            let t = source.texture;
+            let inside =
+                h.z > 0.0 && (0.0..=t.width as f64).contains(&u) && (0.0..=t.height as f64).contains(&v);
+            let (u, v) =
+                ((u - 0.5).clamp(0.0, t.width as f64 - 1.0), (v - 0.5).clamp(0.0, t.height as f64 - 1.0));
+            let at = |x: f64, y: f64| {
+                let (x, y) = ((x as usize).min(t.width - 1), (y as usize).min(t.height - 1));
+                f64::from(t.values[y * t.width + x])
+            };
+            let (i, j) = (u.floor(), v.floor());
+            let upper = at(i, j) * (1.0 - u + i) + at(i + 1.0, j) * (u - i);
+            let lower = at(i, j + 1.0) * (1.0 - u + i) + at(i + 1.0, j + 1.0) * (u - i);
+            (upper * (1.0 - v + j) + lower * (v - j), inside)
+        };
+        let cost = |source: &Source, x: usize, y: usize| {
+            if !sample(source, x, y).1 {
+                return f64::from(OUTSIDE_COST);
+            }
+            let mut sums = [0.0; 5];
+            for dy in 0..SIDE {
+                for dx in 0..SIDE {
+                    let (x, y) = (clamped(x, dx, width), clamped(y, dy, height));
+                    let (a, b) = (f64::from(reference.values[y * width + x]), sample(source, x, y).0);
+                    let terms = [a, b, a * a, b * b, a * b];
+                    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term / f64::from(WINDOW));
+                }
+            }
+            let [a, b, aa, bb, ab] = sums;
+            let noise = f64::from(NOISE_VARIANCE);
+            (1.0 - (ab - a * b) / ((aa - a * a + noise) * (bb - b * b + noise)).sqrt()).clamp(0.0, 1.0)
+        };
+        let pixel = |i: usize| {
+            let mut costs: Vec<f64> =
+                sources.iter().map(|source| cost(source, i % width, i / width)).collect();
+            costs.sort_by(f64::total_cmp);
+            match costs[..] {
+                [] => 1.0,
+                [one] => one,
+                [a, b, ..] => 0.5 * (a + b),
+            }
+        };
+        (0..width * height).map(pixel).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn costs_are_those_of_the_definition_under_every_instruction_set(
+            width in 1usize..40,
+            height in prop_oneof![1usize..12, 33usize..40],
+            count in 0usize..4,
+            seed: u32,
+        ) {
+            let reference = texture(width, height, seed);
+            let statistics = WindowStatistics::new(&reference);
+            let own = camera(width, height, 0.0);
+            let textures: Vec<Texture> = (1..=count).map(|i| texture(width + i, height, seed / 2 + i as u32)).collect();
+            let sources: Vec<Source> = textures.iter().zip(1..).map(|(texture, i)| Source {
+                texture,
+                pair: Pair::new(&own, &camera(texture.width, texture.height, 0.2 * f64::from(i))),
+            }).collect();
+            let surface: Vec<f32> = (0..width * height).map(|i| 0.3 + 0.1 * (i as f32 * 0.05).sin()).collect();
+            let offsets = [-0.05, 0.02];
+            let ends = (0.01, 2.0);
+            let reference = Reference { texture: &reference, statistics: &statistics };
+            for isa in Isa::available() {
+                for surface in [None, Some(&surface[..])] {
+                    let hypotheses = Hypotheses { surface, offsets: &offsets, ends };
+                    let found = volume(isa, reference, &sources, &hypotheses);
+                    prop_assert_eq!(found.len(), width * height * sgm::LANES);
+                    for (plane, offset) in offsets.iter().enumerate() {
+                        let w = |i: usize| (surface.map_or(0.0, |w| w[i]) + offset).clamp(ends.0, ends.1);
+                        let expected = plainly(reference.texture, &sources, w);
+                        for (i, expected) in expected.iter().enumerate() {
+                            let found = f64::from(found[i * sgm::LANES + plane]) / f64::from(COST_LEVELS);
+                            prop_assert!((found - expected).abs() < 0.003, "{} pixel {}: {} {}", isa, i, found, expected);
+                        }
+                    }
+                    prop_assert!(found.chunks(sgm::LANES).all(|costs| costs[offsets.len()..].iter().all(|&c| c == BEYOND)));
+                }
+                let found = surface_costs(isa, reference, &sources, &surface, ends);
+                for (found, expected) in found.iter().zip(plainly(reference.texture, &sources, |i| surface[i])) {
+                    prop_assert!((f64::from(*found) - expected).abs() < 0.002, "{} {}", found, expected);
+                }
+            }
+        }
+    }
 }

@@ -4,14 +4,16 @@
 use crate::cost::surface_costs;
 use crate::plane_sweep::{Matched, sweep, witnesses};
 use crate::range::Planes;
+use crate::resolution::reduced;
 use crate::{Error, Result, consistency, sources};
-use gs_scene::{Camera, Image, View};
+use cpu_kernels::Isa;
+use gs_scene::{Camera, View};
 use rayon::prelude::*;
 
-/// The pictures are reduced until no side is longer than this, pixels.
-const LONGEST_SIDE: usize = 200;
-/// Planes of each pass.
-const PLANES: usize = 192;
+/// The pictures are reduced until no side is longer than this in the two passes, pixels.
+const LONGEST_SIDES: [usize; 2] = [100, 200];
+/// Planes of the passes.
+const PLANES: [usize; 2] = [96, 128];
 /// Largest disparity searched by the first pass, in units of the longer picture side.
 const LARGEST_DISPARITY: f64 = 1.5;
 /// Smallest disparity told from infinity, pixels of the reduced picture.
@@ -33,7 +35,7 @@ const WIDER: f64 = 1.6;
 
 /// Near and far end of what the views see, z-depths in scene units: all but half a percent at either end.
 pub(crate) fn depth_range(views: &[View]) -> Result<(f64, f64)> {
-    let small: Vec<View> = views.par_iter().map(reduced).collect::<Result<_>>()?;
+    let small = no_longer_than(LONGEST_SIDES[0], views)?;
     let cameras: Vec<Camera> = small.iter().map(|view| *view.camera()).collect();
     let neighbours = neighbours(&cameras);
     let (smallest, largest) = disparity_per_inverse_depth(&cameras, &neighbours)?;
@@ -41,36 +43,24 @@ pub(crate) fn depth_range(views: &[View]) -> Result<(f64, f64)> {
     let wide = Planes::between(
         SMALLEST_DISPARITY / largest,
         (LARGEST_DISPARITY * side as f64 / smallest).max(2.0 * SMALLEST_DISPARITY / largest),
-        PLANES,
+        PLANES[0],
     );
-    let (far, near) = confirmed(&small, neighbours, &wide)?;
+    let (far, near) = confirmed(&small, &neighbours, &wide)?;
     let limits = (wide.inverse_depth_at(0.0), wide.inverse_depth_at(1.0));
     let (far, near) = ((far / WIDER).max(limits.0), (near * WIDER).min(limits.1));
-    let narrow = Planes::between(far, near, PLANES);
-    let (far, near) = confirmed(&small, sources::choose(&cameras, &narrow, 4), &narrow)?;
+    let narrow = Planes::between(far, near, PLANES[1]);
+    let small = no_longer_than(LONGEST_SIDES[1], views)?;
+    let (far, near) = confirmed(&small, &sources::choose(&cameras, &narrow, 4), &narrow)?;
     Ok((1.0 / near, 1.0 / far))
 }
 
-/// A view at a fraction of its size, by averaging blocks.
-fn reduced(view: &View) -> Result<View> {
-    let image = view.image();
-    let factor = image.width().max(image.height()).div_ceil(LONGEST_SIDE);
-    let (width, height) = ((image.width() / factor).max(1), (image.height() / factor).max(1));
-    let (block_x, block_y) = (factor.min(image.width()), factor.min(image.height()));
-    let mut data = vec![0.0; width * height * 3];
-    for (i, value) in data.iter_mut().enumerate() {
-        let (x, y, channel) = (i / 3 % width, i / 3 / width, i % 3);
-        let rows = y * factor..y * factor + block_y;
-        let sum: f32 = rows
-            .flat_map(|y| (x * factor..x * factor + block_x).map(move |x| (x, y)))
-            .map(|(x, y)| image.data()[(y * image.width() + x) * 3 + channel])
-            .sum();
-        *value = sum / (block_x * block_y) as f32;
-    }
-    let lens = *view.camera().intrinsics();
-    let lens = lens.cropped(0, 0, width * block_x, height * block_y).resized(width, height);
-    let camera = view.camera().with_intrinsics(lens)?;
-    Ok(View::new(view.name(), Image::new(width, height, data)?, camera, None)?)
+/// The views, reduced until no side is longer than this.
+fn no_longer_than(side: usize, views: &[View]) -> Result<Vec<View>> {
+    let small = |view: &View| {
+        let longest = view.image().width().max(view.image().height());
+        reduced(view, longest.div_ceil(side))
+    };
+    views.par_iter().map(small).collect()
 }
 
 /// For each camera up to four others that look the same way (within 60 degrees), nearest first.
@@ -113,20 +103,18 @@ fn disparity_per_inverse_depth(cameras: &[Camera], neighbours: &[Vec<usize>]) ->
 }
 
 /// Inverse depths of the far and near tail of the matches that the views confirm to each other.
-fn confirmed(views: &[View], sources: Vec<Vec<usize>>, planes: &Planes) -> Result<(f64, f64)> {
-    let matched: Vec<Matched> =
-        views.par_iter().zip(sources).map(|(view, sources)| Matched::new(view, sources)).collect();
+fn confirmed(views: &[View], sources: &[Vec<usize>], planes: &Planes) -> Result<(f64, f64)> {
+    let matched = Matched::all(views, sources);
     let inverse_depths: Vec<Vec<f32>> =
         matched.par_iter().map(|view| sweep(view, &matched, planes)).collect();
+    let isa = Isa::in_use();
     let needed = CONFIRMATIONS.min(views.len().saturating_sub(1).try_into().unwrap_or(u8::MAX));
     let believed = |i: usize| -> Vec<f32> {
         let view = &matched[i];
         let own = &inverse_depths[i];
         let agreed =
             consistency::agree(view.view, own, &witnesses(i, &matched, &inverse_depths, planes), planes);
-        let sources: Vec<_> =
-            view.sources.iter().map(|&s| matched[s].source(view.view.camera(), None)).collect();
-        let costs = surface_costs(view.reference(), &sources, own);
+        let costs = surface_costs(isa, view.reference(), &view.sources(&matched), own, planes.ends());
         (0..own.len())
             .filter(|&p| {
                 agreed[p].0 >= needed && costs[p] < GOOD_COST && view.statistics.deviation(p) > TEXTURED

@@ -10,6 +10,7 @@ mod range;
 mod sources;
 
 mod pair;
+mod resolution;
 mod texture;
 
 mod cost;

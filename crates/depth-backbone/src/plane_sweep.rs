@@ -1,17 +1,19 @@
 //! Multi-view stereo over inverse-depth planes.
 
 use crate::backbone::{DepthBackbone, ViewGeometry, Wanted, check_pixels};
-use crate::consistency::{Witness, agree, contradicted, visible};
-use crate::cost::{Reference, Source, WindowStatistics, plane_costs, surface_costs};
+use crate::consistency::{Witness, agree, contradicted};
+use crate::cost::{Hypotheses, Reference, Source, WindowStatistics, surface_costs, volume};
 use crate::pair::Pair;
 use crate::range::{DepthRange, Planes};
+use crate::resolution::{enlarged, reduced};
 use crate::texture::Texture;
 use crate::{Error, Result, features, fill, sgm, sources};
+use cpu_kernels::Isa;
 use gs_scene::{Camera, DepthMap, View};
 use rayon::prelude::*;
 
-/// Plane-sweep stereo: ZNCC of 7×7 windows over several sources, semi-global matching, sub-plane refinement, a check
-/// between the views, and filling of what failed it.
+/// Plane-sweep stereo: ZNCC of 7×7 windows over several sources, semi-global matching of all planes at half the resolution and of a
+/// few about what was found at the full one, a check between the views, and filling of what failed it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaneSweep {
     /// Near and far end of the scene.
@@ -28,8 +30,14 @@ impl Default for PlaneSweep {
     }
 }
 
-/// Offsets, in plane steps, that each refinement round tries around the current surface.
-const REFINEMENT_ROUNDS: [f32; 2] = [1.6, 0.5];
+/// The resolution and the number of planes are reduced by this for the first sweep …
+const COARSE: usize = 2;
+/// … of pictures of which one has a side of at least this, pixels: smaller ones have none to spare.
+const LARGE: usize = 240;
+/// The second sweep tries this many planes before and behind the surface of the first.
+const REACH: i32 = 3;
+/// Cost volumes of all views in work take no more than this, bytes, unless that of a single one does.
+const VOLUMES: usize = 1 << 29;
 
 /// Baseline over depth below which two views are taken to stand in the same place.
 const LEAST_PARALLAX: f64 = 0.005;
@@ -37,7 +45,7 @@ const LEAST_PARALLAX: f64 = 0.005;
 const SMALLEST_PATCH: usize = 150;
 /// Standard deviation of the luma in a window, 8-bit levels, below which an agreement means nothing: clear sky agrees
 /// with itself at any depth.
-const FLAT: f32 = 1.0;
+const FLAT: f32 = 1.4;
 /// Confidence of depth that was filled in from confirmed neighbours …
 const FILLED_CONFIDENCE: f32 = 0.25;
 /// … and of depth that nothing supports: a view without a single confirmed pixel.
@@ -62,8 +70,18 @@ impl<'v> Matched<'v> {
         Reference { texture: &self.texture, statistics: &self.statistics }
     }
 
-    pub(crate) fn source<'a>(&'a self, reference: &Camera, visible: Option<&'a [f32]>) -> Source<'a> {
-        Source { texture: &self.texture, pair: Pair::new(reference, self.view.camera()), visible }
+    /// The views, each with its sources.
+    pub(crate) fn all(views: &'v [View], sources: &[Vec<usize>]) -> Vec<Self> {
+        views.par_iter().zip(sources).map(|(view, sources)| Self::new(view, sources.clone())).collect()
+    }
+
+    /// The views that it is matched with.
+    pub(crate) fn sources<'a>(&self, all: &'a [Matched]) -> Vec<Source<'a>> {
+        let source = |&of: &usize| Source {
+            texture: &all[of].texture,
+            pair: Pair::new(self.view.camera(), all[of].view.camera()),
+        };
+        self.sources.iter().map(source).collect()
     }
 }
 
@@ -94,19 +112,16 @@ impl DepthBackbone for PlaneSweep {
         let planes = Planes::new(near, far, self.planes)?;
         let cameras: Vec<Camera> = views.iter().map(|view| *view.camera()).collect();
         let chosen = sources::choose(&cameras, &planes, self.sources);
-        let matched: Vec<Matched> =
-            views.par_iter().zip(chosen).map(|(view, sources)| Matched::new(view, sources)).collect();
-
-        let mut inverse_depths: Vec<Vec<f32>> =
-            matched.par_iter().map(|view| sweep(view, &matched, &planes)).collect();
-        for reach in REFINEMENT_ROUNDS {
-            let refined = matched
-                .par_iter()
-                .enumerate()
-                .map(|(i, view)| refine(view, i, &matched, &inverse_depths, &planes, reach))
-                .collect();
-            inverse_depths = refined;
-        }
+        let side = |view: &View| view.camera().width().max(view.camera().height());
+        let factor = if views.iter().any(|view| side(view) >= LARGE) { COARSE } else { 1 };
+        let surfaces = coarse_surfaces(views, &chosen, &planes, factor)?;
+        let matched = Matched::all(views, &chosen);
+        let inverse_depths = within_volumes(&matched, 2 * REACH as usize + 1, |i, view| {
+            let (coarse, surface) = &surfaces[i];
+            let surface = enlarged(surface, coarse, &view.texture, factor);
+            sweep_about(view, &matched, &planes, &surface)
+        });
+        drop(surfaces);
         let filled: Vec<(Vec<f32>, Vec<f32>)> = (0..views.len())
             .into_par_iter()
             .map(|i| fuse_and_fill(i, &matched, &inverse_depths, &planes))
@@ -130,10 +145,14 @@ impl DepthBackbone for PlaneSweep {
                 let features = match wanted {
                     Wanted::Depth | Wanted::DepthAndGaussians => None,
                     Wanted::DepthAndFeatures => {
-                        let camera = view.view.camera();
-                        let sources: Vec<Source> =
-                            view.sources.iter().map(|&s| matched[s].source(camera, None)).collect();
-                        let cost = surface_costs(view.reference(), &sources, inverse_depth);
+                        let sources = view.sources(&matched);
+                        let cost = surface_costs(
+                            Isa::in_use(),
+                            view.reference(),
+                            &sources,
+                            inverse_depth,
+                            planes.ends(),
+                        );
                         Some(features::bank(view.view, &depth, &confidence, &cost)?.with_schema(Self::SCHEMA))
                     }
                 };
@@ -165,64 +184,65 @@ pub(crate) fn witnesses<'a>(
         .collect()
 }
 
-/// First estimate of a view's inverse depth: sweep and semi-global matching.
-pub(crate) fn sweep(view: &Matched, all: &[Matched], planes: &Planes) -> Vec<f32> {
-    let camera = view.view.camera();
-    let sources: Vec<Source> = view.sources.iter().map(|&s| all[s].source(camera, None)).collect();
-    let inverse_depths = planes.inverse_depths();
-    let costs = plane_costs(view.reference(), &sources, &inverse_depths);
-    let sums = sgm::aggregate(&costs, &view.texture.values, view.texture.width, inverse_depths.len());
-    sgm::winners(&sums, inverse_depths.len()).into_iter().map(|plane| planes.inverse_depth(plane)).collect()
+/// Inverse depths at 1/`factor` of the resolution, each with the picture that it was found on.
+fn coarse_surfaces(
+    views: &[View],
+    sources: &[Vec<usize>],
+    planes: &Planes,
+    factor: usize,
+) -> Result<Vec<(Texture, Vec<f32>)>> {
+    let small: Vec<View> = views.par_iter().map(|view| reduced(view, factor)).collect::<Result<_>>()?;
+    let matched = Matched::all(&small, sources);
+    let planes = planes.thinned(factor);
+    let found = within_volumes(&matched, planes.count(), |_, view| sweep(view, &matched, &planes));
+    Ok(matched.into_iter().map(|view| view.texture).zip(found).collect())
 }
 
-/// Moves each pixel by up to `reach` plane steps to where its window, now following the surface, matches best in the
-/// sources that see it.
-fn refine(
-    view: &Matched,
-    index: usize,
-    all: &[Matched],
-    inverse_depths: &[Vec<f32>],
-    planes: &Planes,
-    reach: f32,
-) -> Vec<f32> {
-    let current = &inverse_depths[index];
-    let visibility: Vec<Vec<f32>> = view
-        .sources
-        .iter()
-        .map(|&s| {
-            visible(view.view, current, &Witness::new(view.view, all[s].view, &inverse_depths[s]), planes)
-        })
-        .collect();
-    let sources: Vec<Source> = view
-        .sources
-        .iter()
-        .zip(&visibility)
-        .map(|(&s, visible)| all[s].source(view.view.camera(), Some(visible)))
-        .collect();
-    let (farthest, nearest) = planes.ends();
-    let step = reach * planes.step();
-    let shifted = |offset: f32| -> Vec<f32> {
-        current.iter().map(|w| (w + offset * step).clamp(farthest, nearest)).collect()
+/// What `find` makes of each view, of as many at once as have room for their volumes of `planes`.
+fn within_volumes<'v, T: Send>(
+    views: &[Matched<'v>],
+    planes: usize,
+    find: impl Fn(usize, &Matched<'v>) -> T + Sync,
+) -> Vec<T> {
+    let pixels = |view: &Matched| view.texture.width * view.texture.height;
+    let largest = views.iter().map(pixels).max().unwrap_or(0);
+    // Costs and their sums.
+    let bytes = 2 * size_of::<u16>() * largest * planes.next_multiple_of(sgm::LANES);
+    let at_once = (VOLUMES / bytes.max(1)).max(1);
+    let batch = |(first, views): (usize, &[Matched<'v>])| {
+        views.par_iter().enumerate().map(|(i, view)| find(first + i, view)).collect::<Vec<_>>()
     };
-    let costs: Vec<Vec<f32>> = [-1.0, 0.0, 1.0]
-        .iter()
-        .map(|&offset| surface_costs(view.reference(), &sources, &shifted(offset)))
-        .collect();
-    let best_offset = |i: usize| {
-        let (below, at, above) = (costs[0][i], costs[1][i], costs[2][i]);
-        let curvature = below - 2.0 * at + above;
-        if curvature > 1e-6 && at <= below && at <= above {
-            0.5 * (below - above) / curvature
-        } else if below < at && below <= above {
-            -1.0
-        } else if above < at {
-            1.0
-        } else {
-            0.0
-        }
-    };
-    let moved = |(i, w): (usize, &f32)| (w + best_offset(i) * step).clamp(farthest, nearest);
-    current.iter().enumerate().map(moved).collect()
+    views.chunks(at_once).enumerate().map(|(i, views)| (i * at_once, views)).flat_map(batch).collect()
+}
+
+/// A view's inverse depth by semi-global matching of all planes.
+pub(crate) fn sweep(view: &Matched, all: &[Matched], planes: &Planes) -> Vec<f32> {
+    let hypotheses = Hypotheses { surface: None, offsets: &planes.inverse_depths(), ends: planes.ends() };
+    let winners = best(view, all, &hypotheses, None);
+    winners.into_iter().map(|plane| planes.inverse_depth(plane)).collect()
+}
+
+/// A view's inverse depth by semi-global matching of the planes within [`REACH`] of a surface, which windows follow.
+fn sweep_about(view: &Matched, all: &[Matched], planes: &Planes, surface: &[f32]) -> Vec<f32> {
+    let ((farthest, nearest), step) = (planes.ends(), planes.step());
+    let offsets: Vec<f32> = (-REACH..=REACH).map(|plane| plane as f32 * step).collect();
+    let hypotheses = Hypotheses { surface: Some(surface), offsets: &offsets, ends: planes.ends() };
+    let first: Vec<i32> = surface.iter().map(|&w| planes.next_to(w)).collect();
+    let winners = best(view, all, &hypotheses, Some(&first));
+    let place = |(winner, w): (f32, &f32)| (w + (winner - REACH as f32) * step).clamp(farthest, nearest);
+    winners.into_iter().zip(surface).map(place).collect()
+}
+
+/// The best of a view's hypotheses at each pixel, whole or between two. `first` is the number of each pixel's first plane, where they
+/// differ.
+fn best(view: &Matched, all: &[Matched], hypotheses: &Hypotheses, first: Option<&[i32]>) -> Vec<f32> {
+    let isa = Isa::in_use();
+    let costs = volume(isa, view.reference(), &view.sources(all), hypotheses);
+    let count = hypotheses.offsets.len();
+    let planes = count.next_multiple_of(sgm::LANES);
+    let volume = sgm::Volume { costs: &costs, width: view.texture.width, planes, first };
+    let sums = sgm::aggregate(isa, volume, &view.texture.values);
+    sgm::winners(&sums, planes, count)
 }
 
 /// Takes the confirmation from patches of fewer than [`SMALLEST_PATCH`] connected pixels: what agrees by chance is

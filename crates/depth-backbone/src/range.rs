@@ -52,9 +52,19 @@ impl Planes {
         Self { farthest, step: (nearest - farthest) / (count - 1) as f64, count }
     }
 
+    /// The same range with 1/`factor` as many planes.
+    pub(crate) fn thinned(&self, factor: usize) -> Self {
+        Self::between(self.farthest, self.inverse_depth_at(1.0), self.count.div_ceil(factor).max(2))
+    }
+
     /// Inverse depth at a part (0 far, 1 near) of the range.
     pub(crate) fn inverse_depth_at(&self, part: f64) -> f64 {
         self.farthest + self.step * (self.count - 1) as f64 * part
+    }
+
+    /// Number of planes.
+    pub(crate) fn count(&self) -> usize {
+        self.count
     }
 
     /// Inverse depth between two planes.
@@ -70,6 +80,13 @@ impl Planes {
     /// Smallest and largest inverse depth.
     pub(crate) fn ends(&self) -> (f32, f32) {
         (self.inverse_depth(0.0), self.inverse_depth((self.count - 1) as f32))
+    }
+
+    /// Number of the plane next to an inverse depth; beyond the ends planes are counted on.
+    pub(crate) fn next_to(&self, inverse_depth: f32) -> i32 {
+        // Ties put surfaces halfway between planes, where the last bit would decide if the boundary lay there.
+        const BOUNDARY: f64 = 0.4;
+        ((f64::from(inverse_depth) - self.farthest) / self.step + BOUNDARY).floor() as i32
     }
 
     /// All inverse depths, far to near.

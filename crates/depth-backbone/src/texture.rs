@@ -1,8 +1,8 @@
 //! The luma of a view, made for bilinear look-ups: one 32-bit load brings the four pixels.
 
 use crate::pair::Pair;
+use cpu_kernels::pulp::Simd;
 use gs_scene::Image;
-use multiversion::multiversion;
 
 /// 8-bit luma whose every entry packs the 2×2 block (x, y), (x+1, y), (x, y+1), (x+1, y+1), clamped at the border.
 #[derive(Debug)]
@@ -16,26 +16,6 @@ pub(crate) struct Texture {
 
 /// Subtracted from 8-bit values.
 pub(crate) const MID_GREY: f32 = 127.5;
-
-/// Scratch of one warped row.
-#[derive(Debug, Default, Clone)]
-pub(crate) struct RowScratch {
-    index: Vec<u32>,
-    texels: Vec<u32>,
-    fraction_x: Vec<f32>,
-    fraction_y: Vec<f32>,
-}
-
-impl RowScratch {
-    pub(crate) fn new(width: usize) -> Self {
-        Self {
-            index: vec![0; width],
-            texels: vec![0; width],
-            fraction_x: vec![0.0; width],
-            fraction_y: vec![0.0; width],
-        }
-    }
-}
 
 impl Texture {
     pub(crate) fn new(image: &Image) -> Self {
@@ -51,97 +31,181 @@ impl Texture {
         let values = luma.iter().map(|&v| f32::from(v) - MID_GREY).collect();
         Self { width, height, values, packed }
     }
-
-    /// Samples this texture at where the pixels of reference row `y` fall at the inverse depths `w` (one per pixel).
-    /// `inside` becomes 1 where the sample lies in the picture and before the camera, else 0 (the sample is then
-    /// the nearest border pixel's).
-    pub(crate) fn warp_row(
-        &self,
-        pair: &Pair,
-        y: usize,
-        w: &[f32],
-        out: &mut [f32],
-        inside: &mut [f32],
-        scratch: &mut RowScratch,
-    ) {
-        let n = w.len();
-        let size = [self.width as f32, self.height as f32];
-        // u = x + 0.5: the centre of the first pixel.
-        let start = pair.row(y as f32 + 0.5) + pair.step() * 0.5;
-        locate(
-            [start.to_array(), pair.step().to_array(), pair.epipole().to_array()],
-            size,
-            w,
-            &mut scratch.index[..n],
-            &mut scratch.fraction_x[..n],
-            &mut scratch.fraction_y[..n],
-            inside,
-        );
-        for (texel, &index) in scratch.texels[..n].iter_mut().zip(&scratch.index[..n]) {
-            *texel = self.packed[index as usize];
-        }
-        blend(&scratch.texels[..n], &scratch.fraction_x[..n], &scratch.fraction_y[..n], out);
-    }
 }
 
-/// 2²³: adding it to a whole number in 0..2²³ puts the number into the low mantissa bits. This vectorises, where a
-/// saturating cast does not.
+/// Where the pixels of a reference row fall in a source, and what lies there: one row at a time, in vectors.
+#[derive(Debug)]
+pub(crate) struct Sampler {
+    index: Vec<u32>,
+    texels: Vec<u32>,
+    fraction_x: Vec<f32>,
+    fraction_y: Vec<f32>,
+}
+
+/// 2²³: added to a number in 0..2²³ it leaves the nearest integer in the low mantissa bits.
 const TO_INTEGER: f32 = 8_388_608.0;
+/// 2¹⁵ with 8 bits behind the point: a byte in the second lowest place of its mantissa is added to it.
+const WITH_BYTE: f32 = 32_768.0;
 
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn locate(
-    [start, step, epipole]: [[f32; 3]; 3],
-    [width, height]: [f32; 2],
-    w: &[f32],
-    index: &mut [u32],
-    fraction_x: &mut [f32],
-    fraction_y: &mut [f32],
-    inside: &mut [f32],
-) {
-    let n = w.len();
-    let (index, fraction_x, fraction_y) = (&mut index[..n], &mut fraction_x[..n], &mut fraction_y[..n]);
-    let inside = &mut inside[..n];
-    let stride = (width + TO_INTEGER).to_bits() & 0x7f_ffff;
-    for i in 0..n {
-        let x = i as i32 as f32;
-        let hx = start[0] + step[0] * x + epipole[0] * w[i];
-        let hy = start[1] + step[1] * x + epipole[1] * w[i];
-        let hz = start[2] + step[2] * x + epipole[2] * w[i];
-        let inverse = 1.0 / hz;
-        let (u, v) = (hx * inverse, hy * inverse);
-        let within = (hz > 0.0) & (u >= 0.0) & (u <= width) & (v >= 0.0) & (v <= height);
-        inside[i] = if within { 1.0 } else { 0.0 };
-        // max before min: NaN becomes 0.
-        let u = (u - 0.5).max(0.0).min(width - 1.0);
-        let v = (v - 0.5).max(0.0).min(height - 1.0);
-        let (floor_u, floor_v) = (u.floor(), v.floor());
-        fraction_x[i] = u - floor_u;
-        fraction_y[i] = v - floor_v;
-        let column = (floor_u + TO_INTEGER).to_bits() & 0x7f_ffff;
-        let row = (floor_v + TO_INTEGER).to_bits() & 0x7f_ffff;
-        index[i] = row.wrapping_mul(stride).wrapping_add(column);
+impl Sampler {
+    /// For rows of `stride` pixels, a multiple of the lanes of a vector.
+    pub(crate) fn new(stride: usize) -> Self {
+        Self {
+            index: vec![0; stride],
+            texels: vec![0; stride],
+            fraction_x: vec![0.0; stride],
+            fraction_y: vec![0.0; stride],
+        }
+    }
+
+    /// Finds where the pixels of reference row `y`, with centres at `centres`, fall at the inverse depths `surface + offset`,
+    /// kept within `ends`. `inside` becomes 1 where that is in the picture and before the camera, else 0 (the sample is then
+    /// the nearest border pixel's).
+    #[inline(always)]
+    pub(crate) fn locate<S: Simd>(
+        &mut self,
+        simd: S,
+        pair: &Pair,
+        texture: &Texture,
+        y: usize,
+        centres: &[f32],
+        (surface, offset, (farthest, nearest)): (&[f32], f32, (f32, f32)),
+        inside: &mut [f32],
+    ) {
+        let n = centres.len() / S::F32_LANES;
+        let centres = &S::as_simd_f32s(centres).0[..n];
+        let surface = &S::as_simd_f32s(surface).0[..n];
+        let inside = &mut S::as_mut_simd_f32s(inside).0[..n];
+        let index = &mut S::as_mut_simd_u32s(&mut self.index).0[..n];
+        let fraction_x = &mut S::as_mut_simd_f32s(&mut self.fraction_x).0[..n];
+        let fraction_y = &mut S::as_mut_simd_f32s(&mut self.fraction_y).0[..n];
+        let start = splat(simd, pair.row(y as f32 + 0.5).to_array());
+        let step = splat(simd, pair.step().to_array());
+        let epipole = splat(simd, pair.epipole().to_array());
+        let [offset, farthest, nearest] = splat(simd, [offset, farthest, nearest]);
+        let half_size = splat(simd, [0.5 * texture.width as f32, 0.5 * texture.height as f32]);
+        let last = splat(simd, [(texture.width - 1) as f32, (texture.height - 1) as f32]);
+        let [zero, one, half] = splat(simd, [0.0, 1.0, 0.5]);
+        let row_length = simd.splat_u32s(texture.width as u32);
+        // Both numbers below carry the bits of 2²³.
+        let bits = TO_INTEGER.to_bits();
+        let excess = simd.splat_u32s(bits.wrapping_mul(texture.width as u32).wrapping_add(bits));
+        for i in 0..n {
+            let w = simd.add_f32s(surface[i], offset);
+            let w = simd.max_f32s(simd.min_f32s(w, nearest), farthest);
+            let x = centres[i];
+            let mut h = start;
+            for axis in 0..3 {
+                h[axis] = simd.mul_add_e_f32s(step[axis], x, h[axis]);
+                h[axis] = simd.mul_add_e_f32s(epipole[axis], w, h[axis]);
+            }
+            let [u, v, z] = h;
+            let inverse = simd.div_f32s(one, z);
+            let (u, v) = (simd.mul_f32s(u, inverse), simd.mul_f32s(v, inverse));
+            let before = simd.select_f32s(simd.greater_than_f32s(z, zero), one, zero);
+            let before = simd.select_f32s(within(simd, u, half_size[0]), before, zero);
+            inside[i] = simd.select_f32s(within(simd, v, half_size[1]), before, zero);
+            let (column, right) = place(simd, u, half, last[0]);
+            let (row, down) = place(simd, v, half, last[1]);
+            fraction_x[i] = right;
+            fraction_y[i] = down;
+            index[i] = simd.sub_u32s(simd.add_u32s(simd.mul_u32s(row, row_length), column), excess);
+        }
+    }
+
+    /// What the texture has at the places that were found, between its pixels by bilinear interpolation.
+    #[inline(always)]
+    pub(crate) fn sample<S: Simd>(&mut self, simd: S, texture: &Texture, out: &mut [f32]) {
+        for (texel, &index) in self.texels.iter_mut().zip(&self.index) {
+            *texel = texture.packed[index as usize];
+        }
+        let n = out.len() / S::F32_LANES;
+        let out = &mut S::as_mut_simd_f32s(out).0[..n];
+        let texels = &S::as_simd_u32s(&self.texels).0[..n];
+        let fraction_x = &S::as_simd_f32s(&self.fraction_x).0[..n];
+        let fraction_y = &S::as_simd_f32s(&self.fraction_y).0[..n];
+        let (byte, carrier) = (simd.splat_u32s(0xff00), simd.splat_u32s(WITH_BYTE.to_bits()));
+        let (eight, sixteen) = (simd.splat_u32s(8), simd.splat_u32s(16));
+        let [grey] = splat(simd, [WITH_BYTE + MID_GREY]);
+        for i in 0..n {
+            let t = texels[i];
+            let mut block = [
+                simd.wrapping_dyn_shl_u32s(t, eight),
+                t,
+                simd.wrapping_dyn_shr_u32s(t, eight),
+                simd.wrapping_dyn_shr_u32s(t, sixteen),
+            ];
+            for bits in &mut block {
+                *bits = simd.or_u32s(simd.and_u32s(*bits, byte), carrier);
+            }
+            let [a, b, c, d] = block;
+            let (a, b) = (simd.transmute_f32s_u32s(a), simd.transmute_f32s_u32s(b));
+            let (c, d) = (simd.transmute_f32s_u32s(c), simd.transmute_f32s_u32s(d));
+            let upper = simd.mul_add_e_f32s(simd.sub_f32s(b, a), fraction_x[i], simd.sub_f32s(a, grey));
+            let lower = simd.mul_add_e_f32s(simd.sub_f32s(d, c), fraction_x[i], simd.sub_f32s(c, grey));
+            out[i] = simd.mul_add_e_f32s(simd.sub_f32s(lower, upper), fraction_y[i], upper);
+        }
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "aarch64+neon"))]
-fn blend(texels: &[u32], fraction_x: &[f32], fraction_y: &[f32], out: &mut [f32]) {
-    let n = texels.len();
-    let (fraction_x, fraction_y, out) = (&fraction_x[..n], &fraction_y[..n], &mut out[..n]);
-    let byte = |texel: u32, shift: u32| ((texel >> shift) & 0xff) as i32 as f32;
-    for i in 0..n {
-        let t = texels[i];
-        let (a, b, c, d) = (byte(t, 0), byte(t, 8), byte(t, 16), byte(t, 24));
-        let upper = a + (b - a) * fraction_x[i];
-        let lower = c + (d - c) * fraction_x[i];
-        out[i] = upper + (lower - upper) * fraction_y[i] - MID_GREY;
+#[inline(always)]
+pub(crate) fn splat<S: Simd, const N: usize>(simd: S, values: [f32; N]) -> [S::f32s; N] {
+    let mut out = [simd.splat_f32s(0.0); N];
+    for (out, value) in out.iter_mut().zip(values) {
+        *out = simd.splat_f32s(value);
     }
+    out
+}
+
+/// Whether a place is in 0..=2 half. What is not a number is not.
+#[inline(always)]
+fn within<S: Simd>(simd: S, u: S::f32s, half: S::f32s) -> S::m32s {
+    simd.less_than_or_equal_f32s(simd.abs_f32s(simd.sub_f32s(u, half)), half)
+}
+
+/// The pixel to the left of (above) a place, or one more where that makes no difference, with the bits of 2²³ around it; and
+/// how far the place is behind its centre. What is not a number becomes 0.
+#[inline(always)]
+fn place<S: Simd>(simd: S, u: S::f32s, half: S::f32s, last: S::f32s) -> (S::u32s, S::f32s) {
+    let [zero, to_integer] = splat(simd, [0.0, TO_INTEGER]);
+    let at = simd.sub_f32s(u, half);
+    let at = simd.select_f32s(simd.greater_than_f32s(at, zero), simd.min_f32s(at, last), zero);
+    let rounded = simd.add_f32s(simd.max_f32s(simd.sub_f32s(at, half), zero), to_integer);
+    (simd.transmute_u32s_f32s(rounded), simd.sub_f32s(at, simd.sub_f32s(rounded, to_integer)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cpu_kernels::pulp::WithSimd;
+    use cpu_kernels::{Isa, dispatch};
     use glam::{DMat3, DVec3};
     use gs_scene::{Camera, Intrinsics};
+
+    /// The samples of one reference row at these inverse depths, and where they are inside, under an instruction set.
+    fn row(isa: Isa, texture: &Texture, pair: &Pair, y: usize, w: &[f32]) -> (Vec<f32>, Vec<f32>) {
+        struct Row<'a>(&'a Texture, &'a Pair, usize, &'a [f32], [Vec<f32>; 2]);
+        impl WithSimd for Row<'_> {
+            type Output = [Vec<f32>; 2];
+
+            fn with_simd<S: Simd>(self, simd: S) -> [Vec<f32>; 2] {
+                let Self(texture, pair, y, w, [mut out, mut inside]) = self;
+                let centres: Vec<f32> = (0..w.len()).map(|x| x as f32 + 0.5).collect();
+                let mut sampler = Sampler::new(w.len());
+                let place = (w, 0.0, (0.0, f32::MAX));
+                sampler.locate(simd, pair, texture, y, &centres, place, &mut inside);
+                sampler.sample(simd, texture, &mut out);
+                [out, inside]
+            }
+        }
+        let mut padded = w.to_vec();
+        padded.resize(w.len().next_multiple_of(16), 1.0);
+        let buffers = [vec![0.0; padded.len()], vec![7.0; padded.len()]];
+        let [mut out, mut inside] = dispatch(isa, Row(texture, pair, y, &padded, buffers));
+        out.truncate(w.len());
+        inside.truncate(w.len());
+        (out, inside)
+    }
 
     #[test]
     fn a_shifted_camera_sees_the_shifted_picture() {
@@ -152,15 +216,18 @@ mod tests {
         let reference = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let source = Camera::new(lens, DMat3::IDENTITY, DVec3::new(-0.5, 0.0, 0.0)).unwrap();
         let pair = Pair::new(&reference, &source);
-        let (mut out, mut inside) = (vec![0.0; width], vec![0.0; width]);
-        let mut scratch = RowScratch::new(width);
-        // Disparity = f t w = 10 · 0.5 · w: 2 pixels at w = 0.4.
-        texture.warp_row(&pair, 3, &vec![0.4; width], &mut out, &mut inside, &mut scratch);
-        for x in 0..width {
-            let expected = x >= 2;
-            assert_eq!(inside[x] == 1.0, expected, "column {x}");
-            let value = texture.values[3 * width + x.saturating_sub(2)];
-            assert!((out[x] - value).abs() < 0.05, "column {x}: {} {value}", out[x]);
+        for isa in Isa::available() {
+            // Disparity = f t w = 10 · 0.5 · w: 2 pixels at w = 0.4, 2.25 at w = 0.45.
+            for (w, part) in [(0.4, 0.0), (0.45, 0.25)] {
+                let (out, inside) = row(isa, &texture, &pair, 3, &vec![w; width]);
+                for x in 0..width {
+                    assert_eq!(inside[x] == 1.0, x >= 2, "column {x}");
+                    let value = |x: usize| texture.values[3 * width + x];
+                    let expected =
+                        (1.0 - part) * value(x.saturating_sub(2)) + part * value(x.saturating_sub(3));
+                    assert!((out[x] - expected).abs() < 0.05, "{isa}, column {x}: {} {expected}", out[x]);
+                }
+            }
         }
     }
 
@@ -170,17 +237,11 @@ mod tests {
         let texture = Texture::new(&Image::filled(1, 1, [1.0; 3]).unwrap());
         let front = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let back = Camera::new(lens, DMat3::from_rotation_y(std::f64::consts::PI), DVec3::ZERO).unwrap();
-        let (mut out, mut inside) = ([0.0], [7.0]);
-        for w in [0.5, f32::NAN, f32::INFINITY] {
-            texture.warp_row(
-                &Pair::new(&front, &back),
-                0,
-                &[w],
-                &mut out,
-                &mut inside,
-                &mut RowScratch::new(1),
-            );
-            assert_eq!((out[0], inside[0]), (127.5, 0.0));
+        let pair = Pair::new(&front, &back);
+        for isa in Isa::available() {
+            for w in [0.5, f32::NAN, f32::INFINITY] {
+                assert_eq!(row(isa, &texture, &pair, 0, &[w]), (vec![127.5], vec![0.0]), "{isa} {w}");
+            }
         }
     }
 }
