@@ -81,6 +81,33 @@ pub struct Backprojected {
     pub dropped: Vec<Dropped>,
 }
 
+impl Backprojected {
+    /// Puts the anchors of further views behind these. Both have the same arrays filled.
+    ///
+    /// # Panics
+    /// If they differ in their number of features.
+    pub fn append(&mut self, others: Self) {
+        let (first, first_view) = (self.anchors.len(), self.ranges.len() as u32);
+        let (own, others_anchors) = (&mut self.anchors, others.anchors);
+        if self.ranges.is_empty() {
+            *own = others_anchors;
+        } else {
+            assert_eq!(own.channels, others_anchors.channels, "features per anchor");
+            own.positions.extend(others_anchors.positions);
+            own.normals.extend(others_anchors.normals);
+            own.rays.extend(others_anchors.rays);
+            own.depths.extend(others_anchors.depths);
+            own.footprints.extend(others_anchors.footprints);
+            own.colours.extend(others_anchors.colours);
+            own.features.extend(others_anchors.features);
+            own.pixels.extend(others_anchors.pixels);
+            own.views.extend(others_anchors.views.into_iter().map(|view| first_view + view));
+        }
+        self.ranges.extend(others.ranges.into_iter().map(|range| first + range.start..first + range.end));
+        self.dropped.extend(others.dropped);
+    }
+}
+
 /// Lifts the chosen pixels of all views into the world: the centre of each pixel at its z-depth.
 ///
 /// # Errors

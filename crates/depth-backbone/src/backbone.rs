@@ -1,5 +1,6 @@
+use crate::features::Features;
 use crate::{Error, Result};
-use gs_scene::{DepthMap, FeatureMap, Gaussians, View};
+use gs_scene::{DepthMap, Gaussians, View};
 
 /// What a backbone knows of one view (paper, section 3.1): geometry and features at the view's own size.
 #[derive(Debug, Clone)]
@@ -9,8 +10,8 @@ pub struct ViewGeometry {
     /// How far the depth can be trusted, `[height, width]`, 0..1. Below ½ it was filled in from neighbours; at 0 there
     /// is none, or the photographs contradict it.
     pub confidence: Vec<f32>,
-    /// Image features F, `[C, height, width]`, if they were wanted.
-    pub features: Option<FeatureMap>,
+    /// Image features F, if they were wanted. [`ViewGeometry::feature_map`] gives them as a map.
+    pub features: Option<Features>,
     /// One Gaussian per pixel, row by row, in the world, by the backbone's own head, if they were wanted.
     pub gaussians: Option<Gaussians>,
 }

@@ -1,8 +1,9 @@
 //! The feature bank F of the backbones without a network: 32 channels at the picture's size, all near 0..1 or -1..1.
 
-use crate::{Error, GivenDepth, PlaneSweep, Result, ViewGeometry};
+use crate::{Error, Result, ViewGeometry};
 use gs_scene::{DepthMap, FeatureMap, View};
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Half the windows of the local means and deviations: 3×3, 7×7 and 15×15 pixels.
 const RADII: [usize; 3] = [1, 3, 7];
@@ -42,9 +43,6 @@ pub const FEATURE_NAMES: [&str; 32] = [
     "column, -1 left to 1 right",
     "row, -1 top to 1 bottom",
 ];
-
-/// Channel of the matching cost.
-const COST: usize = 29;
 
 /// Means over square windows, cut at the border: a plane `[height, width]` to the same.
 fn box_mean(plane: &[f32], width: usize, radius: usize) -> Vec<f32> {
@@ -157,21 +155,71 @@ pub(crate) fn bank(view: &View, depth: &DepthMap, confidence: &[f32], cost: &[f3
     Ok(FeatureMap::new(channels.len(), width, height, channels.concat())?)
 }
 
+/// Image features F of one view.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Features {
+    /// As a network computed them, `[C, h, w]`.
+    Map(FeatureMap),
+    /// The bank of [`FEATURE_NAMES`]. It follows from the photograph and its geometry, and is computed where it is needed: 128 bytes
+    /// per pixel are held no longer than that.
+    Bank {
+        /// Whose geometry it is of, as [`FeatureMap::schema`].
+        schema: String,
+        /// Matching cost at each pixel, 0..1, `[height, width]`.
+        cost: Vec<f32>,
+    },
+}
+
+impl Features {
+    /// Number of channels.
+    #[must_use]
+    pub fn channels(&self) -> usize {
+        match self {
+            Self::Map(map) => map.channels(),
+            Self::Bank { .. } => FEATURE_NAMES.len(),
+        }
+    }
+
+    /// What they are, as [`FeatureMap::schema`].
+    #[must_use]
+    pub fn schema(&self) -> &str {
+        match self {
+            Self::Map(map) => map.schema(),
+            Self::Bank { schema, .. } => schema,
+        }
+    }
+}
+
 impl ViewGeometry {
-    /// The same geometry for `view`, which is the view that it was found in, but in other colours: depth and confidence stay, and of the
-    /// features the matching cost; what is computed from colours is computed anew.
+    /// The features of `view`, which is the view that this geometry was found in, as a map `[C, h, w]`; none if none were wanted.
     ///
     /// # Errors
-    /// If the view has another size, or the features are a network's.
-    pub fn in_colours_of(self, view: &View) -> Result<Self> {
-        let Some(features) = &self.features else { return Ok(self) };
-        if ![PlaneSweep::SCHEMA, GivenDepth::SCHEMA].contains(&features.schema()) {
-            return Err(Error::NetworkFeatures { schema: features.schema().to_owned() });
+    /// If the view has another size.
+    pub fn feature_map(&self, view: &View) -> Result<Option<Cow<'_, FeatureMap>>> {
+        match &self.features {
+            None => Ok(None),
+            Some(Features::Map(map)) => Ok(Some(Cow::Borrowed(map))),
+            Some(Features::Bank { schema, cost }) => {
+                let (image, depth) = (view.image(), &self.depth);
+                if (image.width(), image.height()) != (depth.width(), depth.height()) {
+                    // A view's picture and depth have one size: the error names both.
+                    View::new(view.name(), view.image().clone(), *view.camera(), Some(self.depth.clone()))?;
+                }
+                let map = bank(view, &self.depth, &self.confidence, cost)?;
+                Ok(Some(Cow::Owned(map.with_schema(schema.clone()))))
+            }
         }
-        // A view's picture and camera have one size: this compares it with the depth's.
-        let view = &View::new(view.name(), view.image().clone(), *view.camera(), Some(self.depth.clone()))?;
-        let anew = bank(view, &self.depth, &self.confidence, features.channel(COST))?;
-        Ok(Self { features: Some(anew.with_schema(features.schema())), ..self })
+    }
+
+    /// That the features follow the view's colours: those of a network would have to be asked for again.
+    ///
+    /// # Errors
+    /// If the features are a network's.
+    pub fn follows_colours(&self) -> Result<()> {
+        match &self.features {
+            Some(Features::Map(map)) => Err(Error::NetworkFeatures { schema: map.schema().to_owned() }),
+            Some(Features::Bank { .. }) | None => Ok(()),
+        }
     }
 }
 
@@ -220,31 +268,34 @@ mod tests {
             assert!(map.channel(channel).iter().all(|v| v.abs() < 2e-3), "{name}");
         }
         assert!(map.channel(4).iter().all(|v| (v - 0.4).abs() < 1e-6));
-        assert_eq!((map.channel(28)[0], map.channel(COST)[0]), (1.0, 0.3));
-        assert_eq!(FEATURE_NAMES[COST], "matching cost");
+        assert_eq!((map.channel(28)[0], map.channel(29)[0]), (1.0, 0.3));
+        assert_eq!((FEATURE_NAMES[28], FEATURE_NAMES[29]), ("confidence", "matching cost"));
     }
 
     #[test]
-    fn features_in_other_colours_are_those_of_a_view_that_has_them() {
+    fn a_bank_is_computed_of_the_view_that_is_shown_and_a_networks_map_is_its_own() {
         let data = |gain: f32| (0..72).map(|i| gain * (i as f32 * 0.7).sin().abs()).collect();
-        let geometry = |gain, schema| {
-            let depth = DepthMap::new(6, 4, (1..25).map(|i| i as f32).collect()).unwrap();
-            let confidence: Vec<f32> = (0..24).map(|i| i as f32 / 24.0).collect();
-            let features = bank(&view(6, 4, data(gain)), &depth, &confidence, &[0.3; 24]).unwrap();
-            let features = Some(features.with_schema(schema));
-            ViewGeometry { depth, confidence, features, gaussians: None }
-        };
-        let bright = view(6, 4, data(1.0));
-        for schema in [PlaneSweep::SCHEMA, GivenDepth::SCHEMA] {
-            let after = geometry(0.5, schema).in_colours_of(&bright).unwrap();
-            assert_eq!(after.features, geometry(1.0, schema).features);
-            assert_ne!(after.features, geometry(0.5, schema).features);
-        }
-        let error = geometry(0.5, "a network's").in_colours_of(&bright).unwrap_err();
+        let depth = DepthMap::new(6, 4, (1..25).map(|i| i as f32).collect()).unwrap();
+        let confidence: Vec<f32> = (0..24).map(|i| i as f32 / 24.0).collect();
+        let features = Some(Features::Bank { schema: "s".to_owned(), cost: vec![0.3; 24] });
+        let geometry = ViewGeometry { depth, confidence, features, gaussians: None };
+        let of = |view: &View| geometry.feature_map(view).unwrap().unwrap().into_owned();
+        let (dark, bright) = (view(6, 4, data(0.5)), view(6, 4, data(1.0)));
+        let expected = bank(&dark, &geometry.depth, &geometry.confidence, &[0.3; 24]).unwrap();
+        assert_eq!(of(&dark), expected.with_schema("s"));
+        assert_ne!(of(&dark).data(), of(&bright).data());
+        assert_eq!(geometry.features.as_ref().map(|f| (f.channels(), f.schema())), Some((32, "s")));
+        assert!(geometry.feature_map(&view(4, 6, data(1.0))).is_err());
+        geometry.follows_colours().unwrap();
+
+        let network = of(&dark).with_schema("a network's");
+        let geometry = ViewGeometry { features: Some(Features::Map(network.clone())), ..geometry };
+        assert_eq!(geometry.feature_map(&bright).unwrap().as_deref(), Some(&network));
+        let error = geometry.follows_colours().unwrap_err();
         assert!(matches!(&error, Error::NetworkFeatures { schema } if schema == "a network's"), "{error}");
-        assert!(geometry(0.5, PlaneSweep::SCHEMA).in_colours_of(&view(4, 6, data(1.0))).is_err());
-        let without = ViewGeometry { features: None, ..geometry(0.5, "") };
-        assert!(without.in_colours_of(&bright).unwrap().features.is_none());
+        let without = ViewGeometry { features: None, ..geometry };
+        assert!(without.feature_map(&bright).unwrap().is_none());
+        without.follows_colours().unwrap();
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Measured depth that comes with the data.
 
 use crate::backbone::check_pixels;
-use crate::{DepthBackbone, Error, Result, ViewGeometry, Wanted, features};
+use crate::{DepthBackbone, Error, Features, Result, ViewGeometry, Wanted};
 use gs_scene::View;
 
 /// Depth as measured: confidence 1 where there is a measurement, 0 where there is none. The features are those of the
@@ -43,11 +43,11 @@ impl DepthBackbone for GivenDepth {
                     view.depth().ok_or_else(|| Error::NoDepth { view: view.name().to_owned() })?.clone();
                 let confidence: Vec<f32> =
                     depth.data().iter().map(|&d| if d > 0.0 { 1.0 } else { 0.0 }).collect();
-                let cost = vec![0.0; confidence.len()];
                 let features = match wanted {
                     Wanted::Depth | Wanted::DepthAndGaussians => None,
                     Wanted::DepthAndFeatures => {
-                        Some(features::bank(view, &depth, &confidence, &cost)?.with_schema(Self::SCHEMA))
+                        let cost = vec![0.0; confidence.len()];
+                        Some(Features::Bank { schema: Self::SCHEMA.to_owned(), cost })
                     }
                 };
                 Ok(ViewGeometry { depth, confidence, features, gaussians: None })

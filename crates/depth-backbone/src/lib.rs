@@ -32,7 +32,7 @@ pub use depthsplat::{
     WeightProblem,
 };
 pub use error::{Error, Result};
-pub use features::FEATURE_NAMES;
+pub use features::{FEATURE_NAMES, Features};
 pub use given_depth::GivenDepth;
 pub use plane_sweep::PlaneSweep;
 pub use range::{DepthRange, FAR_MARGIN};

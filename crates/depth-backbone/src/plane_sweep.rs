@@ -7,7 +7,7 @@ use crate::pair::Pair;
 use crate::range::{DepthRange, Planes};
 use crate::resolution::{enlarged, reduced};
 use crate::texture::Texture;
-use crate::{Error, Result, features, fill, sgm, sources};
+use crate::{Error, Features, Result, fill, sgm, sources};
 use cpu_kernels::Isa;
 use gs_scene::{Camera, DepthMap, View};
 use rayon::prelude::*;
@@ -153,7 +153,7 @@ impl DepthBackbone for PlaneSweep {
                             inverse_depth,
                             planes.ends(),
                         );
-                        Some(features::bank(view.view, &depth, &confidence, &cost)?.with_schema(Self::SCHEMA))
+                        Some(Features::Bank { schema: Self::SCHEMA.to_owned(), cost })
                     }
                 };
                 Ok(ViewGeometry { depth, confidence, features, gaussians: None })

@@ -6,16 +6,16 @@ use gs_scene::{DepthMap, FeatureMap, Gaussians, View, write_atomically};
 use half::f16;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use serde::{Deserialize, Serialize};
-use sparsesplat::{Config, ViewGeometry, Wanted, backbone_identity, geometry};
+use sparsesplat::{Config, Features, ViewGeometry, Wanted, backbone_identity, geometry};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Changes when the layout of a file or what a backbone computes does.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// A folder of files, each what one backbone with its settings says of the context views of one window.
 ///
-/// Features are kept with 11 bits. What was just made is handed on as it was written, so that a result does not depend on whether its
+/// Features, or the matching cost that they are computed with, are kept with 11 bits. What was just made is handed on as it was written, so that a result does not depend on whether its
 /// file was there.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct GeometryCache {
@@ -72,12 +72,17 @@ fn write(path: &Path, all: &[ViewGeometry], depth_range: (f64, f64)) -> Result<(
     for (i, view) in all.iter().enumerate() {
         let shape = vec![view.depth.height(), view.depth.width()];
         tensors.push((format!("{i}.depth"), Dtype::F32, shape.clone(), bytes(view.depth.data())));
-        tensors.push((format!("{i}.confidence"), Dtype::F32, shape, bytes(&view.confidence)));
-        if let Some(map) = &view.features {
-            map.schema().clone_into(&mut schema);
-            let half = map.data().iter().flat_map(|&v| f16::from_f32(v).to_le_bytes()).collect();
-            let shape = vec![map.channels(), map.height(), map.width()];
-            tensors.push((format!("{i}.features"), Dtype::F16, shape, half));
+        tensors.push((format!("{i}.confidence"), Dtype::F32, shape.clone(), bytes(&view.confidence)));
+        if let Some(features) = &view.features {
+            features.schema().clone_into(&mut schema);
+            let (name, shape, values) = match features {
+                Features::Map(map) => {
+                    (format!("{i}.features"), vec![map.channels(), map.height(), map.width()], map.data())
+                }
+                Features::Bank { cost, .. } => (format!("{i}.cost"), shape, &cost[..]),
+            };
+            let half = values.iter().flat_map(|&v| f16::from_f32(v).to_le_bytes()).collect();
+            tensors.push((name, Dtype::F16, shape, half));
         }
         if let Some(set) = &view.gaussians {
             let (rows, degree) = (set.len(), set.sh_degree());
@@ -133,14 +138,23 @@ fn parse(bytes: &[u8], views: &[View]) -> std::result::Result<(Vec<ViewGeometry>
         };
         let depth = DepthMap::new(width, height, map(format!("{i}.depth"))?).map_err(|e| e.to_string())?;
         let confidence = map(format!("{i}.confidence"))?;
-        let features = match tensor(&format!("{i}.features"), Dtype::F16, 3)? {
-            None => None,
-            Some((data, shape)) => {
-                let values =
-                    data.as_chunks::<2>().0.iter().map(|&v| f16::from_le_bytes(v).to_f32()).collect();
-                let map = FeatureMap::new(shape[0], shape[2], shape[1], values).map_err(|e| e.to_string())?;
-                Some(map.with_schema(header.schema.clone()))
+        let halves = |data: &[u8]| -> Vec<f32> {
+            data.as_chunks::<2>().0.iter().map(|&v| f16::from_le_bytes(v).to_f32()).collect()
+        };
+        let schema = header.schema.clone();
+        let features = match (
+            tensor(&format!("{i}.features"), Dtype::F16, 3)?,
+            tensor(&format!("{i}.cost"), Dtype::F16, 2)?,
+        ) {
+            (Some((data, shape)), _) => {
+                let map = FeatureMap::new(shape[0], shape[2], shape[1], halves(&data));
+                Some(Features::Map(map.map_err(|e| e.to_string())?.with_schema(schema)))
             }
+            (None, Some((data, shape))) if shape == [height, width] => {
+                Some(Features::Bank { schema, cost: halves(&data) })
+            }
+            (None, Some(_)) => return Err(format!("{i}.cost: of another size than {width}x{height}")),
+            (None, None) => None,
         };
         let sets =
             (tensor(&format!("{i}.gaussians"), Dtype::F32, 2)?, tensor(&format!("{i}.sh"), Dtype::F32, 3)?);
@@ -182,7 +196,8 @@ mod tests {
         for ((made, read), fresh) in made.iter().zip(&read).zip(&fresh) {
             assert_eq!(made.depth.data(), read.depth.data());
             assert_eq!((made.depth.data(), &made.confidence), (fresh.depth.data(), &fresh.confidence));
-            let [a, b, c] = [made, read, fresh].map(|g| g.features.as_ref().unwrap());
+            let view = &views[0];
+            let [a, b, c] = [made, read, fresh].map(|g| g.feature_map(view).unwrap().unwrap());
             assert_eq!((a.data(), a.schema()), (b.data(), c.schema()));
             assert!(a.data().iter().zip(c.data()).all(|(a, c)| (a - c).abs() <= 5e-4 * c.abs().max(1e-4)));
         }

@@ -87,16 +87,22 @@ pub fn anchor(
 
     on_stage(Stage::Backproject);
     let (anchors, ranges, voxel_cells) = timed(&mut seconds.backproject, || {
-        let of = |i: usize| ViewPixels {
-            camera: views[i].camera(),
-            depth: geometry[i].depth.data(),
-            pixels: &pixels[i],
-            image: None,
-            features: geometry[i].features.as_ref(),
+        // View by view, so that few feature maps are there at a time.
+        let of = |i: usize| {
+            let map = geometry[i].feature_map(&views[i])?;
+            let chosen = ViewPixels {
+                camera: views[i].camera(),
+                depth: geometry[i].depth.data(),
+                pixels: &pixels[i],
+                image: None,
+                features: map.as_deref(),
+            };
+            Ok::<_, Error>(backproject::anchors(&[chosen], &backproject::Settings::default())?)
         };
-        let chosen: Vec<ViewPixels> = (0..views.len()).map(of).collect();
-        let Backprojected { anchors, ranges, .. } =
-            backproject::anchors(&chosen, &backproject::Settings::default())?;
+        let parts: Vec<Backprojected> = (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()?;
+        let mut all = Backprojected::default();
+        parts.into_iter().for_each(|part| all.append(part));
+        let Backprojected { anchors, ranges, .. } = all;
         Ok::<_, Error>(match (allocation, config.budget) {
             (Allocation::VoxelAligned, Budget::Gaussians(n)) => {
                 let Voxels { anchors, ranges, cells } =

@@ -24,7 +24,7 @@ mod voxels;
 pub use anchored::{Anchored, anchor};
 pub use backbone::{geometry, identity as backbone_identity};
 pub use config::{Allocation, Backbone, Budget, Config, Exposure, Head};
-pub use depth_backbone::{DepthRange, ViewGeometry, Wanted};
+pub use depth_backbone::{DepthRange, Features, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};
 pub use predict::{predict, predict_from, wanted};

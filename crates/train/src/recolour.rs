@@ -4,6 +4,7 @@
 use crate::draw::{Stream, bits, unit};
 use crate::{Case, Result};
 use gs_scene::View;
+use sparsesplat::ViewGeometry;
 
 /// Contrast: factor of the logits about their mean.
 const CONTRAST: [f64; 2] = [0.8, 1.8];
@@ -62,10 +63,8 @@ pub(crate) fn recoloured(mut case: Case, share: f64, seed: u64) -> Result<Case> 
         return Ok(case);
     }
     let recolouring = Recolouring::drawn(&case.context, seed);
+    case.geometry.iter().try_for_each(ViewGeometry::follows_colours).map_err(sparsesplat::Error::from)?;
     case.context.iter_mut().chain(&mut case.targets).for_each(|view| recolouring.apply(view));
-    let geometry = case.geometry.into_iter().zip(&case.context);
-    let geometry = geometry.map(|(geometry, view)| geometry.in_colours_of(view));
-    case.geometry = geometry.collect::<std::result::Result<_, _>>().map_err(sparsesplat::Error::from)?;
     Ok(case)
 }
 
@@ -75,7 +74,7 @@ mod tests {
     use crate::Error;
     use glam::{DMat3, DVec3};
     use gs_scene::{Camera, Image, Intrinsics};
-    use sparsesplat::{Backbone, Config, Wanted, geometry};
+    use sparsesplat::{Backbone, Config, Features, Wanted, geometry};
 
     fn view(x: f64, data: Vec<f32>) -> View {
         let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0, width: 8, height: 6 };
@@ -104,7 +103,8 @@ mod tests {
             assert_eq!(colours, after.context[1].image().data());
             assert_eq!(colours, after.targets[0].image().data());
             let red: Vec<f32> = colours.iter().step_by(3).copied().collect();
-            assert_eq!(after.geometry[1].features.as_ref().unwrap().channel(0), red);
+            let features = after.geometry[1].feature_map(&after.context[1]).unwrap().unwrap();
+            assert_eq!(features.channel(0), red);
             let again = recoloured(case(), 0.3, seed).unwrap();
             assert_eq!(colours, again.context[0].image().data());
         }
@@ -125,9 +125,10 @@ mod tests {
     #[test]
     fn features_of_a_network_are_refused() {
         let mut case = case();
-        case.geometry.iter_mut().for_each(|view| {
-            view.features = view.features.take().map(|features| features.with_schema("a network's"));
-        });
+        for (geometry, view) in case.geometry.iter_mut().zip(&case.context) {
+            let map = geometry.feature_map(view).unwrap().unwrap().into_owned();
+            geometry.features = Some(Features::Map(map));
+        }
         assert!(matches!(recoloured(case, 1.0, 0), Err(Error::Predict(_))));
     }
 

@@ -37,7 +37,7 @@ pub use taps::StageTime;
 pub use variant::{Scales, Variant, Vit};
 
 use crate::backbone::check_pixels;
-use crate::{DepthBackbone, DepthRange, Error, Result, ViewGeometry, Wanted, estimate};
+use crate::{DepthBackbone, DepthRange, Error, Features, Result, ViewGeometry, Wanted, estimate};
 use candle_core::Device;
 use cost_volume::Bounds;
 use gs_scene::{Gaussians, View, sh_coefficients};
@@ -315,7 +315,7 @@ impl DepthSplat {
                 confidence: padded.confidence(&outputs.match_probability, factor, i)?,
                 features: match &outputs.features {
                     Some(maps) if wanted == Wanted::DepthAndFeatures => {
-                        Some(padded.features(maps, i)?.with_schema(self.schema.clone()))
+                        Some(Features::Map(padded.features(maps, i)?.with_schema(self.schema.clone())))
                     }
                     _ => None,
                 },

@@ -133,7 +133,7 @@ fn features_are_32_finite_named_channels_on_request_only() {
     for ((view, with), without) in views.iter().zip(&with).zip(depths(&known(views), views)) {
         assert!(without.features.is_none());
         assert_eq!((&with.depth, &with.confidence), (&without.depth, &without.confidence));
-        let features = with.features.as_ref().unwrap();
+        let features = with.feature_map(view).unwrap().unwrap();
         assert_eq!((features.channels(), FEATURE_NAMES.len()), (32, 32));
         assert!(features.data().iter().all(|v| v.is_finite()));
         let channel = |name| features.channel(FEATURE_NAMES.iter().position(|n| *n == name).unwrap());

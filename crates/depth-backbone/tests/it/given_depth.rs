@@ -15,7 +15,7 @@ fn depth_is_passed_on_and_confidence_marks_what_was_measured() {
         for (depth, confidence) in geometry.depth.data().iter().zip(&geometry.confidence) {
             assert_eq!(*confidence, f32::from(u8::from(*depth > 0.0)));
         }
-        let features = geometry.features.as_ref().unwrap();
+        let features = geometry.feature_map(view).unwrap().unwrap();
         assert_eq!(features.channels(), FEATURE_NAMES.len());
         assert!(features.data().iter().all(|v| v.is_finite()));
     }
@@ -62,9 +62,10 @@ fn nothing_measured_has_no_range() {
     let views: Vec<View> = COURTYARD[..2].iter().map(empty).collect();
     assert!(matches!(GivenDepth::depth_range(&views), Err(Error::RangeUnknown { .. })));
     let geometry = GivenDepth.estimate(&views, Wanted::DepthAndFeatures).unwrap();
-    for geometry in &geometry {
+    for (geometry, view) in geometry.iter().zip(&views) {
         assert_eq!(geometry.depth.coverage(), 0.0);
         assert!(geometry.confidence.iter().all(|&c| c == 0.0));
-        assert!(geometry.features.as_ref().unwrap().data().iter().all(|v| v.is_finite()));
+        let features = geometry.feature_map(view).unwrap().unwrap();
+        assert!(features.data().iter().all(|v| v.is_finite()));
     }
 }

@@ -20,8 +20,9 @@ fn check_defined(views: &[View]) {
     match PlaneSweep::default().estimate(views, Wanted::DepthAndFeatures) {
         Ok(geometry) => {
             check_geometry(views, &geometry);
-            for geometry in &geometry {
-                assert!(geometry.features.as_ref().unwrap().data().iter().all(|v| v.is_finite()));
+            for (geometry, view) in geometry.iter().zip(views) {
+                let features = geometry.feature_map(view).unwrap().unwrap();
+                assert!(features.data().iter().all(|v| v.is_finite()));
             }
         }
         Err(error) => assert!(matches!(error, Error::RangeUnknown { .. }), "{error}"),

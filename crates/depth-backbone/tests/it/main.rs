@@ -76,7 +76,7 @@ fn check_geometry(views: &[View], geometry: &[ViewGeometry]) {
                 view.name()
             );
         }
-        if let Some(features) = &geometry.features {
+        if let Some(features) = geometry.feature_map(view).unwrap() {
             assert_eq!((features.width(), features.height()), size, "{}", view.name());
         }
     }

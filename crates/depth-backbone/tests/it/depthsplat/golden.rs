@@ -114,7 +114,10 @@ impl Golden {
         add("depth.final", vec![1, geometry.len(), height, width], depth);
         if let Some(features) = &geometry[0].features {
             let shape = vec![geometry.len(), features.channels(), height, width];
-            let values = join(&|i| geometry[i].features.as_ref().map_or(vec![], |f| f.data().to_vec()));
+            let values = join(&|i| match geometry[i].feature_map(&self.views[i]) {
+                Ok(Some(map)) => map.data().to_vec(),
+                _ => vec![],
+            });
             add("head.features", shape, values);
         }
         self.taps

@@ -31,7 +31,7 @@ fn check(views: &[View], geometry: &[ViewGeometry]) {
         assert_eq!((g.depth.width(), g.depth.height()), (width, height));
         assert!(g.depth.data().iter().all(|d| (0.4999..=50.01).contains(d)));
         assert!(g.confidence.len() == width * height && g.confidence.iter().all(|c| (0.0..=1.0).contains(c)));
-        let features = g.features.as_ref().unwrap();
+        let features = g.feature_map(view).unwrap().unwrap();
         assert_eq!((features.channels(), features.width(), features.height()), (64, width, height));
         assert!(features.data().iter().all(|v| v.is_finite()));
     }
