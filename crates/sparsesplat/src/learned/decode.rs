@@ -14,7 +14,7 @@
 //!
 //! Of the change of colour its mean over each view, by the area that anchors cover there, is taken back: a head puts colours where they
 //! belong, but how bright a photograph is on the whole the closed form knows already. Without that the default
-//! head made dark photographs darker and light ones lighter (docs/training.md).
+//! head made dark photographs darker and light ones lighter (docs/journal/2026-11-training-runs.md).
 
 use super::rotate_sh::RotateSh;
 use crate::harmonics::{TERMS, basis};
