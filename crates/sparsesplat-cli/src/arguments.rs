@@ -72,8 +72,8 @@ pub(crate) struct Pipeline {
     /// Exposure of the scene if the photographs differ in exposure
     #[arg(long, value_enum, default_value = "as-photographed", hide_short_help = true)]
     pub(crate) exposure: ExposureName,
-    /// Depth range of the stereo: estimated from the views, the hint of the data set, or two depths in scene units
-    #[arg(long, value_name = "estimate|hint|NEAR,FAR", value_parser = range, default_value = "estimate")]
+    /// Depth range of the stereo: estimate (from the views), hint (of the data set), or NEAR,FAR in scene units
+    #[arg(long, value_name = "RANGE", value_parser = range, default_value = "estimate")]
     pub(crate) depth_range: Range,
     /// Neighbours of each anchor
     #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20, hide_short_help = true)]
@@ -82,7 +82,7 @@ pub(crate) struct Pipeline {
     #[arg(long, value_name = "STEPS", help_heading = "Refinement", conflicts_with = "refine_seconds")]
     pub(crate) refine: Option<usize>,
     /// Seconds of refinement, instead of a number of steps
-    #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement")]
+    #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement", hide_short_help = true)]
     pub(crate) refine_seconds: Option<f64>,
 }
 

@@ -22,6 +22,7 @@ use tempfile::TempDir;
 
 /// What is swept over what, and where it is kept.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Data")]
 pub(crate) struct Sweeping {
     /// Data set, or the layout of your own data
     #[arg(long, value_enum, default_value = "simulated")]
@@ -41,7 +42,7 @@ pub(crate) struct Sweeping {
     #[arg(long, value_name = "I/N", requires = "output", allow_hyphen_values = true, hide_short_help = true)]
     shard: Option<Shard>,
     /// Measure nothing; join the shards in these folders
-    #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["output", "shard", "seeds", "root", "scenes"])]
+    #[arg(long, hide_short_help = true, value_name = "DIR", num_args = 1.., conflicts_with_all = ["output", "shard", "seeds", "root", "scenes"])]
     merge: Vec<PathBuf>,
     #[command(flatten)]
     lpips: LpipsWeights,

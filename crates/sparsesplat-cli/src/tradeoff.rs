@@ -47,7 +47,7 @@ struct Files {
     #[arg(long, value_name = "PATH")]
     report: Option<PathBuf>,
     /// Write the table as CSV
-    #[arg(long, value_name = "PATH")]
+    #[arg(long, value_name = "PATH", hide_short_help = true)]
     csv: Option<PathBuf>,
     /// Write a Markdown document, with its plots as SVG files beside it
     #[arg(long, value_name = "PATH")]
