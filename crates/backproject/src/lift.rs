@@ -1,4 +1,4 @@
-//! Pixels to points, in f64.
+//! Lifts pixels to points, in f64.
 
 use glam::{DMat3, DVec2, DVec3};
 use gs_scene::{Camera, Intrinsics};

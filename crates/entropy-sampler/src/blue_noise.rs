@@ -1,4 +1,4 @@
-//! Thresholds whose every level set is spread evenly.
+//! Blue-noise thresholds: the pixels below any level are spread evenly.
 
 use crate::random::Stream;
 

@@ -1,5 +1,5 @@
-//! Loops over independent tasks: on rayon's threads with the feature `rayon`, one after the other without. What comes
-//! out does not depend on which.
+//! Loops over independent tasks: on rayon's threads with the feature `rayon`, one after the other without it. The results
+//! are the same.
 
 /// What `task` gives for 0, 1, … `n` - 1, in this order.
 #[cfg(feature = "rayon")]

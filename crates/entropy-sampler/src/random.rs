@@ -1,4 +1,4 @@
-//! Random numbers by counter: a draw depends on what it is for, not on what was drawn before, hence not on threads.
+//! Counter-based random numbers: a draw depends on its purpose and place, not on earlier draws, and so not on threads.
 
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 

@@ -1,4 +1,4 @@
-//! What all plots share: size, colours, axes, lines with marks, the legend.
+//! Parts of all plots: size, colours, axes, lines with marks, the legend.
 
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};

@@ -1,4 +1,4 @@
-//! What a frozen backbone says of views, kept on disk: an evaluation and a training of the same views ask it once.
+//! Cache on disk for depth and features of a frozen backbone: evaluation and training of the same views run it once.
 
 use crate::hash::of_views;
 use crate::{Error, Result};

@@ -1,4 +1,4 @@
-//! What tells one set of views from another.
+//! The hash that identifies a set of views.
 
 use crate::Window;
 use gs_scene::{DepthMap, View};

@@ -1,4 +1,4 @@
-//! Names beside the points of a plot, so that none lies on another, on a point or on a line.
+//! Places labels beside the points of a plot so that none overlaps another label, a point or a line.
 
 /// A rectangle in pixels: left, top, right, bottom.
 pub(crate) type Rectangle = [i32; 4];

@@ -1,4 +1,4 @@
-//! What makes Gaussians of photographs: the pass, and the steps that may follow it.
+//! The method under evaluation: the forward pass, and optional refinement after it.
 
 use crate::figures::CurvePoint;
 use crate::window::Stopwatch;

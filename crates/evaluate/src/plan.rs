@@ -1,4 +1,4 @@
-//! Which windows there are, and how each is loaded.
+//! The list of windows, and how each is loaded.
 
 use crate::simulated::{SimulatedScene, description, simulated_window};
 use crate::{Dropped, Error, Result, Window};

@@ -1,4 +1,4 @@
-//! What a figure was made with: enough to make it again.
+//! The recipe of a figure: everything that is needed to repeat it.
 
 use cpu_isa::Isa;
 use serde::Serialize;

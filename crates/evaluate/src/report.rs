@@ -1,4 +1,4 @@
-//! The page that shows what came out: figures, pictures, time, Gaussians, and the recipe. One file, nothing to fetch.
+//! The HTML report: figures, pictures, time, Gaussians, and the recipe, in one self-contained file.
 
 use crate::colour::{DEPTH, ERROR};
 use crate::figures::{Figures, Target};

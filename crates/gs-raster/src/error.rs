@@ -1,4 +1,4 @@
-//! What can go wrong.
+//! Errors of the crate.
 
 /// What can be wrong with a request to render.
 #[derive(Debug, thiserror::Error)]

@@ -1,4 +1,4 @@
-//! What goes into the backward pass and what comes out.
+//! Input and output of the backward pass.
 
 use crate::{Error, RenderSettings, Result};
 use glam::{DMat3, DVec3};

@@ -1,4 +1,4 @@
-//! The one way to render and to differentiate, on whatever device.
+//! The rasterizer: renders and differentiates on any device.
 
 #[cfg(feature = "gpu")]
 use crate::gpu::{self, AdapterChoice, Gpu, GpuOptions};

@@ -1,4 +1,4 @@
-//! What a rendering consists of.
+//! The parts of a rendering.
 
 use gs_scene::Image;
 use serde::Serialize;

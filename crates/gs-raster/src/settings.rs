@@ -1,4 +1,4 @@
-//! How to render, and the limits of it.
+//! Settings of a rendering, and their limits.
 
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Opacity of a Gaussian in a pixel: what the passes `rasterize_forward` and `rasterize_backward` share.
+//! Opacity of a Gaussian in a pixel, shared by the passes `rasterize_forward` and `rasterize_backward`.
 
 use crate::frame::join;
 use glam::DVec2;

@@ -1,5 +1,4 @@
-//! The twins in the order in which a view goes through the passes, with every buffer on the way, and what the host does in
-//! between.
+//! The chain of all twins, in the order of the passes, with every buffer between them and the host's work in between.
 
 use crate::bin::{Pairs, bin_count, bin_emit};
 use crate::frame::frame;

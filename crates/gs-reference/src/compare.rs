@@ -1,4 +1,4 @@
-//! Comparators: how far two buffers lie apart, or why that cannot be said.
+//! Comparators: the difference between two buffers, or why they cannot be compared.
 
 use std::fmt;
 

@@ -1,4 +1,4 @@
-//! What can be wrong with a golden file.
+//! Errors of golden files.
 
 use safetensors::tensor::Dtype;
 use std::path::PathBuf;

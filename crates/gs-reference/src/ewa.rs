@@ -1,4 +1,4 @@
-//! The projection of a Gaussian (EWA, Zwicker et al. 2001): what the passes `project` and `project_backward` share.
+//! The projection of a Gaussian (EWA, Zwicker et al. 2001), shared by the passes `project` and `project_backward`.
 
 use crate::frame::join;
 use glam::{DMat3, DVec2, DVec3};

@@ -1,4 +1,4 @@
-//! What a host hands to the passes, and what it makes of the sums that come back.
+//! The host's inputs of the passes, and its use of the resulting sums.
 
 use crate::{Profile, ShAxes};
 use glam::{DMat3, DVec3};

@@ -1,4 +1,4 @@
-//! Which tiles a footprint touches: what the passes `project` and `bin` share.
+//! The tiles that a footprint touches, shared by the passes `project` and `bin`.
 
 use crate::frame::join;
 use gs_shaders::{Frame, LEVEL_SLACK, REACH_SLACK, Splat, TILE};

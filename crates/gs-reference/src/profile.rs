@@ -1,4 +1,4 @@
-//! What renderers of this family disagree in.
+//! Profiles: the thresholds in which renderers of this family differ.
 
 use glam::DVec3;
 

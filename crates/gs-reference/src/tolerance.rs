@@ -1,4 +1,4 @@
-//! The only home of tolerances: quantity, unit, bound, reason. Widening one is a commit of its own.
+//! All tolerances of rendering: quantity, unit, bound, reason. Widening one is a commit of its own.
 
 use crate::{Deviation, GoldenGradient};
 

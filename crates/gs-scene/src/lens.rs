@@ -1,4 +1,4 @@
-//! The lens: a pinhole, and where a real lens puts what the pinhole would see.
+//! The lens: a pinhole camera and its distortion.
 
 mod model;
 

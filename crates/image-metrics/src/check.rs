@@ -1,4 +1,4 @@
-//! What every measure demands of its two pictures.
+//! Checks of the two pictures, common to all metrics.
 
 use crate::{Error, Result};
 use gs_scene::Image;

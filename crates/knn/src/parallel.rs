@@ -1,4 +1,4 @@
-//! Where threads are: rayon's, or none without the feature `rayon`. Results do not depend on it.
+//! Threads: rayon's, or none without the feature `rayon`. Results do not depend on it.
 
 /// Both, at the same time if that is possible.
 #[cfg(feature = "rayon")]

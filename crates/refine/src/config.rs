@@ -1,7 +1,7 @@
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// How to refine. The defaults are those of our tables; how they were found is in docs/refine.md.
+/// How to refine. The defaults are those of our tables; how they were found is in docs/journal/2026-11-refinement.md.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {

@@ -1,4 +1,4 @@
-//! Views at half their size, for the first part of the way.
+//! Views at half their size, for the first part of the steps.
 
 use gs_raster::RenderSettings;
 use gs_scene::{Camera, Image, Intrinsics, View};

@@ -1,4 +1,4 @@
-//! What a Gaussian may become, and how far a step of its mean reaches.
+//! Limits of a Gaussian's parameters, and the reach of a step of its mean.
 
 use glam::DVec3;
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, View};

@@ -1,4 +1,4 @@
-//! From stored numbers to one figure, and back: scene -> rendering -> exposure -> loss.
+//! The objective and its gradient: scene -> rendering -> exposure -> loss.
 
 use crate::loss::{Compared, Target};
 use crate::{Exposure, Loss, Result};

@@ -1,4 +1,4 @@
-//! The loop.
+//! The loop of gradient steps.
 
 use crate::adam::{Correction, Moments, update};
 use crate::exposure::Exposures;

@@ -1,4 +1,4 @@
-//! Which views a step compares, and how far it goes.
+//! The schedule: the views that a step compares, and its step size.
 
 use crate::Stop;
 use std::f64::consts::PI;

@@ -1,4 +1,4 @@
-//! Endless scenes: rooms, desks, shelves, facades, gardens and woods, each with the path of a camera that sees it well.
+//! Generated scenes: rooms, desks, shelves, facades, gardens and woods, each with the path of a camera that sees it well.
 
 mod desk;
 mod facade;

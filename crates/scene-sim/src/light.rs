@@ -1,4 +1,4 @@
-//! Lights: what shines, and what shines from all sides.
+//! Lights: the sun, lamps, and the sky.
 
 use crate::Rgb;
 use glam::{DVec2, DVec3};

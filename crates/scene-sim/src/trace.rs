@@ -1,4 +1,4 @@
-//! A scene made ready for rays.
+//! A scene prepared for ray tracing.
 //!
 //! The hierarchy (obvhs, f32) only decides which bodies a ray is tested against; the tests themselves are in
 //! f64. The hierarchy lives in a frame of its own, in which the scene is the unit ball around the origin:

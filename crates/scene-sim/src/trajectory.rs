@@ -1,4 +1,4 @@
-//! Where cameras stand: paths of a person who looks at something.
+//! Camera paths, as of a person who looks at something.
 
 use crate::Result;
 use crate::check::Place;

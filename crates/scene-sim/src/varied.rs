@@ -1,4 +1,4 @@
-//! Endless variants of one kind of scene, for tests and evaluation of stereo: a room open to the sky and to the
+//! Random variants of one kind of scene, for tests and evaluation of stereo: a room open to the sky and to the
 //! camera, with things on its floor and on a table.
 
 use crate::random::Random;

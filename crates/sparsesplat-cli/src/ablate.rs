@@ -18,48 +18,48 @@ use sparsesplat::{Allocation, Budget, Head};
 use std::path::PathBuf;
 use train::{Config, Trainer};
 
-/// The paper's ablations: each row is trained alike and measured on views that no row was trained on
+/// Repeat the paper's ablations: train every row alike and measure it on unseen views
 ///
-/// Rows are trained one after the other into --output and go on where they were broken off. The paper's figures, of another data
-/// set and some hundred times the training, stand beside ours: what is to be compared is the order.
+/// Rows are trained one after the other into --output and resume after an interruption. The paper's figures stand beside ours; they come from another
+/// data set and some hundred times the training, so compare the order.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
+#[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat ablate head -o ablation --steps 1000\n  \
     sparsesplat ablate head -o ablation --rows attention,mlp --training-seeds 0,1,2\n  \
     sparsesplat ablate neighbours -o ablation --steps 1000 --photographs data --json neighbours.json\n\n\
-    Rows that differ in nothing from those of another ablation are trained once: they share a folder in --output.")]
+    Equal rows of different ablations are trained once: they share a folder in --output.")]
 pub(crate) struct Arguments {
-    /// What is varied
+    /// Ablation to run
     #[arg(value_enum)]
     what: What,
-    /// Only these rows, as the table calls them [default: all]
+    /// Names of the rows to run, as in the table [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     rows: Vec<String>,
-    /// Folder for the rows' checkpoints and weights
+    /// Output folder for checkpoints and weights
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Settings that all rows share
+    /// Training settings of all rows (RON)
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Steps that each row is trained for [default: as the settings say]
+    /// Training steps per row [default: that of the settings]
     #[arg(long, value_name = "N", value_parser = positive)]
     steps: Option<usize>,
-    /// Seeds of the training; a table row each
+    /// Training seeds; each gets its own row
     #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "0")]
     training_seeds: Vec<u64>,
     /// Seeds of the sampling, for the spread
     #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "0,1,2")]
     seeds: Vec<u64>,
-    /// Gaussians at which rows are measured
+    /// Number of Gaussians at which rows are measured
     #[arg(long, value_name = "COUNT", value_parser = gaussians, default_value = "40k")]
     gaussians: usize,
-    /// Generated scenes to measure on, seeds 0, 1, ...
+    /// Number of generated scenes to measure on, seeds 0, 1, ...
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 8)]
     evaluation_scenes: usize,
-    /// Size of their pictures
-    #[arg(long, value_name = "WxH", value_parser = size, default_value = "480x320")]
+    /// Size of the pictures of these scenes
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = "480x320", hide_short_help = true)]
     evaluation_size: (usize, usize),
-    /// Photographs to measure on as well: folder of a scene, or of several
+    /// Also measure on photographs: folder of one scene, or of several scenes
     #[arg(long, value_name = "DIR")]
     photographs: Option<PathBuf>,
     #[command(flatten)]
@@ -72,11 +72,11 @@ pub(crate) struct Arguments {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
 enum What {
-    /// Which pixels become anchors: entropy, random, Laplacian
+    /// Choice of pixels: entropy, random, Laplacian
     Sampling,
-    /// How many neighbours an anchor sees: 0, 5, 10, 20, 30
+    /// Number of neighbours: 0, 5, 10, 20, 30
     Neighbours,
-    /// What gathers them: edge convolution, MLP, max pooling, attention
+    /// Kind of head: edge convolution, MLP, max pooling, attention
     Head,
 }
 

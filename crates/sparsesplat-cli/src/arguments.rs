@@ -10,29 +10,38 @@ use refine::Stop;
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Exposure, Head, Sampler};
 use std::path::PathBuf;
 
+/// End of the short help (`-h`) of commands with many options.
+pub(crate) const SEE_LONG_HELP: &str = "Examples and all options: --help";
+
 /// What every command takes.
 #[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Every command")]
+#[command(next_help_heading = "Common options")]
 pub(crate) struct Common {
-    /// Also write the result as JSON, with all it takes to repeat it
+    /// Write the result as JSON, with everything that is needed to repeat it
     #[arg(long, value_name = "PATH", global = true)]
     pub(crate) json: Option<PathBuf>,
-    /// Threads that work [default: one per core]
+    /// Number of threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = positive, global = true)]
     pub(crate) threads: Option<usize>,
-    /// Where to render
+    /// Device that renders
     #[arg(long, value_enum, default_value = "auto", global = true)]
     pub(crate) device: Device,
 }
 
-/// Where to render.
+/// `--device` of a command that renders nothing: it is not offered, and refused if given.
+pub(crate) fn no_device() -> clap::Arg {
+    let refuse = |_: &str| -> Result<String, String> { Err("this command renders nothing".to_owned()) };
+    clap::Arg::new("device").long("device").hide(true).value_parser(refuse)
+}
+
+/// Device that renders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Device {
-    /// On a GPU if there is a real one that passes the self-test, else on the processor
+    /// A GPU if it is real hardware and passes the self-test, else the CPU
     Auto,
-    /// On a GPU, or on a software adapter where there is no other
+    /// A GPU, or a software adapter if there is no GPU
     Gpu,
-    /// On the processor
+    /// The CPU
     Cpu,
 }
 
@@ -40,40 +49,40 @@ pub(crate) enum Device {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Reconstruction")]
 pub(crate) struct Pipeline {
-    /// How many Gaussians in all, far shell included: 40000, 40k or 1.5M
+    /// Number of Gaussians, far shell included: 40000, 40k or 1.5M
     #[arg(long, value_name = "COUNT", value_parser = gaussians, default_value = "40k", conflicts_with = "tau")]
     pub(crate) gaussians: usize,
-    /// Instead of a count: probability per pixel = tau x entropy / 8 bits; the far shell comes on top
-    #[arg(long, value_parser = tau, allow_hyphen_values = true)]
+    /// Sampling parameter instead of a count: probability per pixel = tau x entropy / 8 bits; the far shell comes on top
+    #[arg(long, value_parser = tau, allow_hyphen_values = true, hide_short_help = true)]
     pub(crate) tau: Option<f64>,
-    /// Which pixels become Gaussians
+    /// Choice of the pixels that become Gaussians
     #[arg(long, value_enum, default_value = "entropy")]
     pub(crate) allocation: AllocationName,
-    /// How pixels are drawn: fixed hits the count, bernoulli (the paper's) varies around it
-    #[arg(long, value_enum, default_value = "fixed")]
+    /// Drawing of pixels: fixed gives the exact count, bernoulli (the paper's) varies around it
+    #[arg(long, value_enum, default_value = "fixed", hide_short_help = true)]
     pub(crate) sampler: SamplerName,
-    /// What turns anchors into Gaussians
+    /// Head, which makes the Gaussians
     #[arg(long, value_enum, default_value = "default")]
     pub(crate) head: HeadName,
     #[command(flatten)]
     pub(crate) source: DepthSource,
-    /// Back what no view covers by a far shell of large Gaussians
-    #[arg(long, value_name = "on|off", value_parser = on_off, default_value = "on", action = clap::ArgAction::Set)]
+    /// Fill what no view covers with a far shell of large Gaussians
+    #[arg(long, value_name = "on|off", value_parser = on_off, default_value = "on", action = clap::ArgAction::Set, hide_short_help = true)]
     pub(crate) far_shell: bool,
-    /// In which exposure the scene is, where photographs differ in theirs
-    #[arg(long, value_enum, default_value = "as-photographed")]
+    /// Exposure of the scene if the photographs differ in exposure
+    #[arg(long, value_enum, default_value = "as-photographed", hide_short_help = true)]
     pub(crate) exposure: ExposureName,
-    /// Near and far plane of the stereo: estimated from the views, as the data set hints, or two depths in scene units
-    #[arg(long, value_name = "estimate|hint|NEAR,FAR", value_parser = range, default_value = "estimate")]
+    /// Depth range of the stereo: estimate (from the views), hint (of the data set), or NEAR,FAR in scene units
+    #[arg(long, value_name = "RANGE", value_parser = range, default_value = "estimate")]
     pub(crate) depth_range: Range,
     /// Neighbours of each anchor
-    #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20)]
+    #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20, hide_short_help = true)]
     pub(crate) neighbours: usize,
-    /// After the forward pass, so many gradient steps on the photographs (60 are a good start)
+    /// Gradient steps on the photographs after the forward pass (60 are a good start)
     #[arg(long, value_name = "STEPS", help_heading = "Refinement", conflicts_with = "refine_seconds")]
     pub(crate) refine: Option<usize>,
-    /// Or as many as fit into this time
-    #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement")]
+    /// Seconds of refinement, instead of a number of steps
+    #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement", hide_short_help = true)]
     pub(crate) refine_seconds: Option<f64>,
 }
 
@@ -81,14 +90,16 @@ pub(crate) struct Pipeline {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Reconstruction")]
 pub(crate) struct DepthSource {
-    /// Where depth and features come from
+    /// Source of depth and features
     #[arg(long, value_enum, default_value = "plane-sweep")]
     pub(crate) backbone: BackboneName,
-    /// Planes of the stereo between the near and the far end of the depth range: fewer are faster [default: 128]
-    #[arg(long, value_name = "N", value_parser = positive)]
+    /// Depth planes of the stereo; fewer are faster [default: 128]
+    #[arg(long, value_name = "N", value_parser = positive, hide_short_help = true)]
     pub(crate) depth_planes: Option<usize>,
-    /// Weights, which tell themselves what they are of: a head that `train` wrote, instead of the default one; a checkpoint of DepthSplat,
-    /// for --backbone depthsplat [default: the one that lies where `doctor` says]; or both
+    /// Weights of a head or of DepthSplat's network, or both; the kind is read from the file
+    ///
+    /// A head from `train` replaces the default head. A checkpoint of DepthSplat serves --backbone depthsplat; without one, the checkpoint in the
+    /// folder that `doctor` names is used.
     #[arg(long, value_name = "FILE", num_args = 1..=2)]
     pub(crate) weights: Vec<PathBuf>,
 }
@@ -137,10 +148,12 @@ impl DepthSource {
 /// The weights of LPIPS.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct LpipsWeights {
-    /// Weights of LPIPS, which then is measured by `eval`, `tradeoff`, `paper` and `ablate` and takes the place of 1 - SSIM in the loss of `train`: torchvision's VGG16
-    /// (the papers'), AlexNet or SqueezeNet 1.1 and the metric's linear layers, as published (.pth) or as safetensors; two files, or
-    /// one with both
-    #[arg(long = "lpips-weights", value_name = "FILE", num_args = 1..=2)]
+    /// Weights of LPIPS, to measure it, or to train with it
+    ///
+    /// The files are torchvision's VGG16 (the papers' network), AlexNet or SqueezeNet 1.1, and the linear layers of the metric, as published (.pth)
+    /// or as safetensors: two files, or one with both. `eval`, `tradeoff`, `paper` and `ablate` then measure LPIPS; in the loss of `train` it replaces
+    /// 1 - SSIM.
+    #[arg(long = "lpips-weights", value_name = "FILE", num_args = 1..=2, hide_short_help = true)]
     files: Vec<PathBuf>,
 }
 
@@ -172,9 +185,9 @@ pub(crate) enum Range {
 pub(crate) enum BackboneName {
     /// Measured depth that comes with the data
     GivenDepth,
-    /// Multi-view stereo
+    /// Multi-view stereo by plane sweep
     PlaneSweep,
-    /// DepthSplat's network, the paper's backbone: needs its published weights
+    /// DepthSplat's network, the paper's backbone; needs its published weights
     #[value(name = "depthsplat")]
     DepthSplat,
 }
@@ -182,17 +195,17 @@ pub(crate) enum BackboneName {
 /// Which pixels become Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum AllocationName {
-    /// Where the image has much to say (the paper's)
+    /// Pixels of high local entropy (the paper's)
     Entropy,
-    /// Where it bends
+    /// Pixels of a large Laplacian
     Laplacian,
-    /// Everywhere alike
+    /// Random pixels
     Random,
     /// Every pixel; the count is not used
     PixelAligned,
-    /// Every pixel, then merged down to the count (as GGN and Long-LRM do)
+    /// Every pixel, merged down to the count afterwards (as GGN and Long-LRM do)
     Merged,
-    /// Everything by voxels, of a size that gives the count (as AnySplat and VolSplat do)
+    /// Averages over voxels of a size that gives the count (as AnySplat and VolSplat do)
     VoxelAligned,
 }
 
@@ -205,23 +218,23 @@ pub(crate) enum SamplerName {
     Bernoulli,
 }
 
-/// In which exposure a scene is whose photographs differ in theirs.
+/// Exposure of the scene when the photographs differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ExposureName {
-    /// In theirs: it changes with the place it is seen from, as from photograph to photograph
+    /// Keep the exposure of the photographs, and blend between them as the viewpoint moves
     AsPhotographed,
-    /// In one from everywhere, the mean of theirs
+    /// One exposure from everywhere, the mean of the photographs
     Common,
 }
 
-/// What turns anchors into Gaussians.
+/// Head, which makes the Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum HeadName {
-    /// Learned, with the weights that come along; the closed form for a backbone that has none
+    /// The trained head with the built-in weights; the closed form for a backbone without such weights
     Default,
-    /// By formula from the neighbourhood; no weights
+    /// Formula without weights
     ClosedForm,
-    /// DepthSplat's own, from the weights of its network: with --backbone depthsplat and --allocation pixel-aligned
+    /// DepthSplat's own head; needs --backbone depthsplat and --allocation pixel-aligned
     #[value(name = "depthsplat")]
     DepthSplat,
 }

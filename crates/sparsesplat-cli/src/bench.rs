@@ -18,7 +18,7 @@ use crate::failure::Outcome;
 use crate::summary::print_line;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
-/// How fast the parts are on this machine; without a name it lists what there is
+/// Measure the speed of single stages on this machine; without a name, list the benchmarks
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  sparsesplat bench raster\n  \
                         sparsesplat bench knn --counts 40k,150k --json knn.json")]

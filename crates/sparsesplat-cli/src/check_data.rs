@@ -14,31 +14,30 @@ use view_data::{
     open_all,
 };
 
-/// What a data set is, and what is wrong with it
+/// Describe a data set and find mistakes in it
 ///
-/// Every picture and depth file is decoded. Photographs are matched without the poses, and the matches are held against the poses as
-/// read and against the usual misreadings (other axes, inverted matrices, a wrong focal length), so that a wrong convention is told from
-/// bad data. Depth is held against both; scale, range, overlap and the layout of the cameras are measured.
+/// Every picture and depth file is decoded. Photographs are matched without the poses. The matches are compared with the poses as read and with
+/// the usual misreadings (other axes, inverted matrices, a wrong focal length), which tells a wrong convention from bad data. Depth is compared
+/// with both. Scale, range, overlap and the layout of the cameras are measured.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
+#[command(arg = crate::arguments::no_device(), after_help = "Examples:\n  \
     sparsesplat check-data data/fox\n  \
-    sparsesplat check-data data/fox --report fox.html        with the layout of the cameras\n  \
-    sparsesplat check-data Replica --pairs 40                every scene below a folder\n\n\
-    Exit codes: 0 nothing is wrong, 1 errors were found, 2 there is no data set to check.")]
+    sparsesplat check-data data/fox --report fox.html        also draw the layout of the cameras\n  \
+    sparsesplat check-data Replica --pairs 40                check every scene below a folder\n\n\
+    Exit codes: 0 no errors, 1 errors were found, 2 there is no data set to check.")]
 pub(crate) struct Arguments {
-    /// Folder of a data set, or the file that describes it; or a folder of several
+    /// Folder of a data set, the file that describes it, or a folder of several data sets
     input: PathBuf,
-    /// Its layout: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: what lies there]
+    /// Layout of the data set: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: recognised by its files]
     #[arg(long, value_name = "LAYOUT")]
     format: Option<Format>,
-    /// Pairs of photographs to match at most, for each scene
+    /// Largest number of pairs of photographs to match per scene
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = CheckSettings::default().pairs)]
     pairs: usize,
-    /// Seed of the draws of matching
+    /// Seed of the matching
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Also write a page: cameras from above and from the side, overlap, findings, pictures. With several scenes the name of the scene
-    /// is added to the name
+    /// Write a report: cameras from above and from the side, overlap, findings, pictures; with several scenes, one file each
     #[arg(long, value_name = "PATH")]
     report: Option<PathBuf>,
 }

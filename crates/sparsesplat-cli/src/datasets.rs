@@ -11,7 +11,7 @@ use view_data::Format;
 pub(crate) enum Dataset {
     /// transforms.json and photographs
     Nerfstudio,
-    /// A sparse model of COLMAP and photographs
+    /// COLMAP's sparse model and photographs
     Colmap,
     /// Replica as rendered for NICE-SLAM
     Replica,
@@ -23,7 +23,7 @@ pub(crate) enum Dataset {
     Dl3dv,
     /// RealEstate10K: camera text with frames, or pixelSplat's chunks
     Re10k,
-    /// The scene of the demo, and generated ones
+    /// The scene of the demo, and generated scenes
     Simulated,
 }
 

@@ -15,17 +15,17 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// The whole way once, nothing to download: simulate a scene, reconstruct it, render views it never saw
+/// Simulate a scene, reconstruct it and compare with held-out views; nothing to download
 ///
-/// A courtyard is ray-traced on the fly; six of the pictures are reconstructed, five more are held out and compared with
-/// what the reconstruction shows. Writes scene.ply, images/, report.html (open it in a browser) and result.json.
+/// A courtyard is ray-traced. Six of the pictures are reconstructed; five more are held out and compared with renderings of
+/// the reconstruction. Writes scene.ply, images/, report.html (open it in a browser) and result.json.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sparsesplat demo\n  sparsesplat demo --gaussians 150k -o out/demo150\n  sparsesplat demo --refine 60\n  \
                         sparsesplat demo --backbone given-depth      with the simulation's exact depth"
 )]
 pub(crate) struct Arguments {
-    /// Folder that everything is written to
+    /// Output folder
     #[arg(short, long, value_name = "DIR", default_value = "out/demo")]
     output: PathBuf,
     /// Size of the simulated photographs

@@ -14,7 +14,7 @@ use gs_raster::Rasterizer;
 use gs_scene::{Camera, Gaussians, Intrinsics, dc_from_rgb, logit};
 use serde::Serialize;
 
-/// What this machine offers, what this build can do, and a self-test
+/// Show what this machine and this build offer, and run a self-test
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {}
 

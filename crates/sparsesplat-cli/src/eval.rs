@@ -16,12 +16,12 @@ use evaluate::{
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Tables: PSNR, SSIM, Gaussians and time, per scene and on the mean
+/// Measure held-out views: PSNR, SSIM, Gaussians and time, per scene and in the mean
 ///
 /// Every window is reconstructed from its context views and measured on its held-out targets. Windows come from an index
 /// file (pixelSplat's layout, keys scene/window); without one, from the path of a video, or from views chosen by their overlap.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
+#[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat eval --dataset simulated\n  \
     sparsesplat eval --dataset nerfstudio --root data/fox --index data/fox/evaluation_index.json --json fox.json\n  \
     sparsesplat eval --dataset nerfstudio --root data --refine 200 --refine-plot refine.svg\n  \
@@ -29,33 +29,33 @@ use std::path::PathBuf;
     sparsesplat eval --dataset simulated --lpips-weights vgg16-397923af.pth vgg.pth\n  \
     sparsesplat eval --dataset dl3dv --root benchmark --backbone depthsplat --head depthsplat --allocation pixel-aligned\n  \
     sparsesplat eval --dataset replica --root Replica --windows 5\n  \
-    sparsesplat eval --dataset replica                                 where it is had, and the layout\n  \
+    sparsesplat eval --dataset replica                                 print the expected layout and where to get the data\n  \
     sparsesplat eval --dataset dl3dv --root benchmark --index dl3dv_index.json\n\n\
-    With several scenes below --root, all are taken. A scene or window that is left out is listed with the reason.\n\
+    All scenes below --root are measured. A scene or window that is left out is listed with the reason.\n\
     A window that fails is listed as dropped, and the exit code is 1.")]
 pub(crate) struct Arguments {
-    /// The data set, or the layout of your own
+    /// Data set, or the layout of your own data
     #[arg(long, value_enum)]
     dataset: Dataset,
     #[command(flatten)]
     source: Source,
-    /// With simulated: so many generated scenes (seeds 0, 1, ...) beside the scene of the demo
+    /// With simulated: number of generated scenes (seeds 0, 1, ...) in addition to the scene of the demo
     #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0)]
     scenes: usize,
     /// Seeds of the sampling; with several the table shows mean and spread
     #[arg(long, value_delimiter = ',', default_value = "0")]
     seeds: Vec<u64>,
-    /// Also write a page with pictures
+    /// Write a report with pictures
     #[arg(long, value_name = "PATH")]
     report: Option<PathBuf>,
-    /// Also measure held-out views along the way of --refine, and draw PSNR over seconds (SVG)
-    #[arg(long, value_name = "PATH")]
+    /// Measure held-out views during --refine and draw PSNR over seconds (SVG)
+    #[arg(long, value_name = "PATH", hide_short_help = true)]
     refine_plot: Option<PathBuf>,
     /// Print the table as Markdown
     #[arg(long)]
     markdown: bool,
-    /// Keep what the backbone says of each window in this folder, and take it from there; `train` shares it. Features then have 11 bits
-    #[arg(long, value_name = "DIR")]
+    /// Cache depth and features of each window in this folder, which `train` can share; features then have 11 bits
+    #[arg(long, value_name = "DIR", hide_short_help = true)]
     cache: Option<PathBuf>,
     #[command(flatten)]
     lpips: LpipsWeights,

@@ -30,7 +30,7 @@ use clap::{Parser, Subcommand};
 use failure::{Failure, OrFail, Outcome};
 use std::process::ExitCode;
 
-/// Posed photographs in, a compact set of 3D Gaussians out, in one pass; no GPU needed
+/// Turn posed photographs into a compact set of 3D Gaussians in one pass; no GPU needed
 #[derive(Debug, Parser)]
 #[command(version, after_help = HELP)]
 struct Cli {
@@ -42,19 +42,19 @@ struct Cli {
 
 const HELP: &str = "\
 Start here:
-  sparsesplat demo                                         everything once, nothing to download
-  sparsesplat reconstruct PHOTOS -o scene.ply              your own photographs, posed
-  sparsesplat render scene.ply --cameras PHOTOS -o out     pictures of a scene
-  sparsesplat eval --dataset nerfstudio --root PHOTOS      how good is it?
-  sparsesplat tradeoff --quick --report tradeoff.html      what accuracy costs in time
-  sparsesplat paper main runtime                           the paper's tables, ours beside
-  sparsesplat train -o run                                 a head of your own, from photographs or simulated scenes
-  sparsesplat check-data PHOTOS                            is something wrong with the data?
+  sparsesplat demo                                         simulate a scene and reconstruct it; nothing to download
+  sparsesplat reconstruct PHOTOS -o scene.ply              reconstruct your own posed photographs
+  sparsesplat render scene.ply --cameras PHOTOS -o out     render a scene
+  sparsesplat eval --dataset nerfstudio --root PHOTOS      measure on held-out views
+  sparsesplat tradeoff --quick --report tradeoff.html      measure what accuracy costs in time
+  sparsesplat paper main runtime                           the paper's tables with our figures beside them
+  sparsesplat train -o run                                 train a head on simulated scenes or photographs
+  sparsesplat check-data PHOTOS                            find mistakes in the data
 
-Environment: SPARSESPLAT_ISA=scalar|neon|avx2|avx512 forces vector code to a narrower instruction set than the
-processor has; `doctor` says which are there.
+Environment: SPARSESPLAT_ISA=scalar|neon|avx2|avx512 forces vector code to a narrower instruction set; `doctor` lists
+the sets of this processor.
 
-Exit codes: 0 done, 1 failed at work, 2 wrong arguments or wrong input.";
+Exit codes: 0 success, 1 failure during work, 2 wrong arguments or input.";
 
 #[derive(Debug, Subcommand)]
 enum Command {

@@ -11,25 +11,24 @@ use serde::Serialize;
 use serde_json::Value;
 use std::path::PathBuf;
 
-/// The paper's tables, with what is measured here beside
+/// Print the paper's tables with our figures beside them
 ///
-/// Every row is measured as by `tradeoff`: one backbone, one head, and only the allocation and the count differ. The paper's figures
-/// stand beside as they are printed there, of its own data, training and machines. Its three ablations, whose rows have to be trained,
-/// are `ablate`.
+/// Our rows are measured as in `tradeoff`: one backbone, one head; only allocation and count differ. The paper's figures are those that it prints,
+/// with its own data, training and machines. `ablate` repeats the paper's three ablations, whose rows must be trained.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
+#[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat paper main --dataset dl3dv --root benchmark --index dl3dv_index.json --size 448x256\n  \
     sparsesplat paper replica --dataset replica --root Replica --windows 5\n  \
     sparsesplat paper runtime frames primitives                        on simulated scenes\n  \
     sparsesplat paper main --dataset nerfstudio --root data -o kept --lpips-weights vgg16-397923af.pth vgg.pth\n  \
-    sparsesplat paper main --merge sweep                               from the points of a sweep that is done\n\n\
-    A table says which views it is of, at which size, with which seeds, what was dropped and why.\n\
+    sparsesplat paper main --merge sweep                               from the points of a finished sweep\n\n\
+    A table states its views, their size, the seeds, and what was dropped and why.\n\
     A window or point that fails is named with its reason, and the exit code is 1.")]
 pub(crate) struct Arguments {
-    /// Which tables
+    /// Tables to print
     #[arg(value_enum, required = true)]
     tables: Vec<Name>,
-    /// Also write the tables as a document
+    /// Write the tables as a Markdown document
     #[arg(long, value_name = "PATH", help_heading = "Results")]
     markdown: Option<PathBuf>,
     #[command(flatten)]
@@ -43,11 +42,11 @@ enum Name {
     Main,
     /// One per pixel against 150k: PSNR, SSIM, LPIPS
     Replica,
-    /// Where the time goes, at 10k, 40k, 100k and 150k
+    /// Time by stage, at 10k, 40k, 100k and 150k
     Runtime,
     /// Frames per second over the number of Gaussians
     Frames,
-    /// How many Gaussians, beside mapping systems
+    /// Number of Gaussians, beside mapping systems
     Primitives,
 }
 

@@ -17,43 +17,43 @@ use std::path::PathBuf;
 use std::time::Instant;
 use view_data::Format;
 
-/// Posed photographs to a 3D Gaussian scene
+/// Reconstruct a 3D Gaussian scene from posed photographs
 ///
-/// INPUT is a data set with poses: nerfstudio, COLMAP, Replica, TUM RGB-D, ScanNet, DL3DV, RealEstate10K. A connected set of views that covers as much of the
-/// scene as it can is chosen from its frames, or the views of a window of an index file are taken.
+/// INPUT is a data set with poses: nerfstudio, COLMAP, Replica, TUM RGB-D, ScanNet, DL3DV or RealEstate10K. From its frames a connected set of views is
+/// chosen that covers as much of the scene as possible; --index and --window take the context views of an index file instead.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
+#[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat reconstruct data/fox -o fox.ply\n  \
     sparsesplat reconstruct data/fox --views 8 --gaussians 150k -o fox.ply --report fox.html\n  \
     sparsesplat reconstruct data/fox --index data/fox/evaluation_index.json --window fox/1 -o fox.ply\n  \
-    sparsesplat reconstruct data/fox --refine 60 -o fox.ply             some dB more for some seconds\n  \
+    sparsesplat reconstruct data/fox --refine 60 -o fox.ply             better by some dB, in some more seconds\n  \
     sparsesplat reconstruct data/kitchen --backbone given-depth --tau 0.3 -o kitchen.ply\n  \
     sparsesplat reconstruct data/fox --backbone depthsplat --weights depthsplat-gs-small-....pth --depth-range hint -o fox.ply")]
 pub(crate) struct Arguments {
     /// Folder of a posed data set, or the file that describes it
     input: PathBuf,
-    /// Its layout: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: what lies there]
+    /// Layout of the data set: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: recognised by its files]
     #[arg(long, value_name = "LAYOUT")]
     format: Option<Format>,
-    /// The scene to write: PLY in the layout of 3D Gaussian splatting
+    /// Scene to write: a PLY file in the layout of 3D Gaussian splatting
     #[arg(short, long, value_name = "PLY")]
     output: PathBuf,
-    /// How many photographs to use
+    /// Number of photographs to use
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6, conflicts_with = "index")]
     views: usize,
-    /// Take the context views of a window of this index file instead
-    #[arg(long, value_name = "FILE", requires = "window")]
+    /// Index file with windows (pixelSplat's layout), to take context views from
+    #[arg(long, value_name = "FILE", requires = "window", hide_short_help = true)]
     index: Option<PathBuf>,
-    /// The window: its key in the index file, scene/window
-    #[arg(long, value_name = "KEY", requires = "index")]
+    /// Key of the window in the index file, scene/window
+    #[arg(long, value_name = "KEY", requires = "index", hide_short_help = true)]
     window: Option<String>,
-    /// Scale and crop photographs to this size [default: as they lie on disk]
+    /// Scale and crop photographs to this size [default: their size on disk]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
     /// Seed of the sampling
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Also measure held-out views (those between the chosen ones, or the window's targets) and write a page with pictures
+    /// Measure held-out views (frames between the chosen ones, or the window's targets) and write a report with pictures
     #[arg(long, value_name = "PATH")]
     report: Option<PathBuf>,
     #[command(flatten)]

@@ -15,7 +15,7 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// A scene to pictures: colour, opacity and depth from given cameras
+/// Render a scene from given cameras: colour, opacity and depth
 ///
 /// Writes NAME.png, NAME-alpha.png and NAME-depth.png for every camera (near is light, far is dark, one scale for all), and
 /// with --ellipsoids NAME-ellipsoids.png.
@@ -23,9 +23,9 @@ use std::time::Instant;
 #[command(after_help = "Examples:\n  sparsesplat render scene.ply --cameras data/fox -o out/fox\n  \
                         sparsesplat render scene.ply --cameras data/fox --positions 0,7,20 --size 960x540 -o out/fox")]
 pub(crate) struct Arguments {
-    /// The scene: a PLY file in the layout of 3D Gaussian splatting
+    /// Scene: a PLY file in the layout of 3D Gaussian splatting
     scene: PathBuf,
-    /// Where to look from: a data set of any layout (its photographs are not read)
+    /// Data set whose cameras to render from, of any layout (its photographs are not read)
     #[arg(long, value_name = "INPUT")]
     cameras: PathBuf,
     /// Folder for the pictures
@@ -34,10 +34,10 @@ pub(crate) struct Arguments {
     /// Positions in the list of frames, from 0 [default: all]
     #[arg(long, value_name = "I,J,...", value_delimiter = ',')]
     positions: Vec<usize>,
-    /// Size of the pictures [default: as the photographs]
+    /// Size of the pictures [default: that of the photographs]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
-    /// Show the Gaussians as solid ellipsoids, too: where they lie, how large they are and how they are turned
+    /// Also render the Gaussians as solid ellipsoids, which shows their place, size and orientation
     #[arg(long)]
     ellipsoids: bool,
 }

@@ -14,61 +14,60 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use view_data::{DatasetWriter, DepthPercentiles, Layout, PictureFormat};
 
-/// Photographs of a described or generated scene, with poses and exact depth, as a data set
+/// Write a data set of a generated or described scene, with poses and exact depth
 ///
-/// SCENE is a description (RON), or a scene of the original Replica release (a folder with mesh.ply). Without it a scene is
-/// generated from --seed. Only what the description calls for is simulated: no shadow rays without a light that casts, no
-/// reflections without a mirror, no blur, noise or distortion unless the camera has it.
+/// SCENE is a description (RON), or a scene of the original Replica release (a folder with mesh.ply). Without SCENE a scene is
+/// generated from --seed. Only effects in the description are simulated: shadows, reflections, blur, noise and distortion.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
+#[command(arg = crate::arguments::no_device(), after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat simulate --seed 7 -o desk                             a generated scene\n  \
-    sparsesplat simulate --seed 0 --scenes 20 --kind room -o rooms    twenty of them, a folder each\n  \
-    sparsesplat simulate --seed 1 --kind garden --in-the-wild -o air  with exposure, noise and paths as found anywhere\n  \
-    sparsesplat simulate courtyard.ron --format colmap -o courtyard   a described one\n  \
-    sparsesplat simulate --seed 7 --write-scene desk.ron -o desk      with its description, to change by hand\n  \
+    sparsesplat simulate --seed 0 --scenes 20 --kind room -o rooms    twenty scenes, one folder each\n  \
+    sparsesplat simulate --seed 1 --kind garden --in-the-wild -o air  with varying exposure, noise and wrong poses\n  \
+    sparsesplat simulate courtyard.ron --format colmap -o courtyard   a described scene\n  \
+    sparsesplat simulate --seed 7 --write-scene desk.ron -o desk      also write its description, to edit\n  \
     sparsesplat simulate replica_v1/room_0 --photographs walk.ron --format replica -o Replica\n\n\
     nerfstudio: transforms.json, images/, depth/ (32-bit EXR). colmap: images/, sparse/0 with points. replica: as NICE-SLAM lays\n\
     it out, DIR/cam_params.json and a folder per scene in DIR, JPEG pictures, 16-bit depth up to 10 m.\n\
     Windows of context and held-out views along the path go to evaluation_index.json.")]
 pub(crate) struct Arguments {
-    /// Description of the scene, or folder of the original Replica release
+    /// Description of the scene (RON), or a folder of the original Replica release
     #[arg(required_unless_present = "seed")]
     scene: Option<PathBuf>,
-    /// Seed of all that is random in the pictures [default: 0]; without SCENE, of a generated scene too
+    /// Seed of the pictures and, without SCENE, of the generated scene [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Kind of the generated scene [default: any]
     #[arg(long, value_enum, requires = "seed", conflicts_with = "scene")]
     kind: Option<KindName>,
-    /// Photograph the generated scene as strangers would: exposure that varies, noise, poses a little wrong, gardens from the air
+    /// Photograph the scene the way strangers do: varying exposure, noise, slightly wrong poses, gardens from the air
     #[arg(long, requires = "seed", conflicts_with = "scene")]
     in_the_wild: bool,
-    /// Generate so many scenes, from so many seeds on end; each gets a folder of its own
+    /// Number of scenes to generate, from consecutive seeds; each gets its own folder
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = 1, conflicts_with = "scene")]
     scenes: usize,
-    /// Layout of the files
+    /// Layout of the data set
     #[arg(long, value_enum, default_value = "nerfstudio")]
     format: FormatName,
-    /// Where the files go; must not exist or be empty (for replica: must not hold a scene of that name)
+    /// Output folder; must be new or empty (for replica: must not hold a scene of that name)
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// How to photograph (RON), instead of what the description says
-    #[arg(long, value_name = "FILE", requires = "scene")]
+    /// Camera settings (RON), instead of those in the description
+    #[arg(long, value_name = "FILE", requires = "scene", hide_short_help = true)]
     photographs: Option<PathBuf>,
-    /// Size of the pictures [default: as described]
+    /// Size of the pictures [default: that of the description]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
-    /// Number of pictures along the path [default: as described]
+    /// Number of pictures along the path [default: that of the description]
     #[arg(long, value_name = "N", value_parser = positive)]
     frames: Option<usize>,
-    /// Colour samples per pixel, a square number is best [default: as described]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    /// Colour samples per pixel, best a square number [default: that of the description]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096), hide_short_help = true)]
     samples: Option<u32>,
-    /// File format of the pictures; replica always has JPEG
+    /// File format of the pictures; replica always uses JPEG
     #[arg(long, value_enum, default_value = "png")]
     pictures: PictureName,
-    /// Also write the description of the scene (RON)
-    #[arg(long, value_name = "FILE", conflicts_with = "scenes")]
+    /// Write the description of the scene (RON) to this file
+    #[arg(long, value_name = "FILE", conflicts_with = "scenes", hide_short_help = true)]
     write_scene: Option<PathBuf>,
 }
 
@@ -105,9 +104,9 @@ enum FormatName {
 /// File formats of pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum PictureName {
-    /// Without loss
+    /// Lossless
     Png,
-    /// Quality 95
+    /// JPEG of quality 95
     Jpeg,
 }
 

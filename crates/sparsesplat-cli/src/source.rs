@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// Where windows come from, and how their pictures are read.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Source {
-    /// Folder of a scene, or of several
+    /// Folder of one scene, or of several scenes
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
     /// Context and target views of each window [default: evaluation_index.json in the folder of each scene, if there is one]
@@ -25,7 +25,7 @@ pub(crate) struct Source {
     /// their overlap]
     #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "index")]
     windows: Option<usize>,
-    /// Scale and crop photographs to this size [default: as they lie on disk]
+    /// Scale and crop photographs to this size [default: their size on disk]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
 }

@@ -22,26 +22,27 @@ use tempfile::TempDir;
 
 /// What is swept over what, and where it is kept.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Data")]
 pub(crate) struct Sweeping {
-    /// The data set, or the layout of your own
+    /// Data set, or the layout of your own data
     #[arg(long, value_enum, default_value = "simulated")]
     dataset: Dataset,
     #[command(flatten)]
     source: Source,
-    /// With simulated: so many generated scenes (seeds 0, 1, ...) beside the scene of the demo [default: 5, with --quick 0]
+    /// With simulated: number of generated scenes (seeds 0, 1, ...) in addition to the demo's [default: 5, with --quick 0]
     #[arg(long, value_name = "N", value_parser = scenes(0))]
     scenes: Option<usize>,
-    /// Seeds of the sampling; with several there is a spread. What no seed changes is measured once [default: 0,1,2, with --quick 0]
+    /// Seeds of the sampling; points that do not depend on the seed are measured once [default: 0,1,2, with --quick 0]
     #[arg(long, value_delimiter = ',')]
     seeds: Vec<u64>,
-    /// Keep finished points and their pictures in this folder, and go on there
+    /// Folder for finished points and pictures; a sweep resumes from it
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Of N parts of the windows the I-th, from 0 [default: as SLURM or Kubernetes says, else all]
-    #[arg(long, value_name = "I/N", requires = "output", allow_hyphen_values = true)]
+    /// Measure shard I of N of the windows, I from 0 [default: given by SLURM or Kubernetes, else all windows]
+    #[arg(long, value_name = "I/N", requires = "output", allow_hyphen_values = true, hide_short_help = true)]
     shard: Option<Shard>,
-    /// Measure nothing: join the shards in these folders
-    #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with_all = ["output", "shard", "seeds", "root", "scenes"])]
+    /// Measure nothing; join the shards in these folders
+    #[arg(long, hide_short_help = true, value_name = "DIR", num_args = 1.., conflicts_with_all = ["output", "shard", "seeds", "root", "scenes"])]
     merge: Vec<PathBuf>,
     #[command(flatten)]
     lpips: LpipsWeights,

@@ -21,76 +21,75 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use train::{Cases, Config, Look, Score, Trainer};
 
-/// Trains a head on a frozen backbone, through the differentiable renderer
+/// Train a head on a frozen backbone through the differentiable renderer
 ///
-/// Windows are rendered or read, given to the backbone once, and kept in --cache. Each step draws windows, budgets, pixels and
-/// views by the seed, compares renderings with photographs and moves the head's weights. --output receives
-/// checkpoint.safetensors (to go on with --resume), weights.safetensors (for --weights of the other commands), log.jsonl, curve.svg
-/// and pictures of validation.
+/// Windows are simulated or read; the backbone runs once for each, and --cache keeps the results. Each step draws windows, budgets, pixels and
+/// views by the seed, compares renderings with photographs and updates the weights of the head. --output receives checkpoint.safetensors (for
+/// --resume), weights.safetensors (for --weights of the other commands), log.jsonl, curve.svg and pictures of the validation.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
+#[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat train -o run                                       the default head on simulated scenes\n  \
-    sparsesplat train -o run --resume                              goes on after an interruption, bit for bit\n  \
+    sparsesplat train -o run --resume                              resumes after an interruption, bit for bit\n  \
     sparsesplat train -o run --config mlp.ron --scenes 40\n  \
     sparsesplat train -o mean --config none.ron --from a.safetensors --from b.safetensors\n  \
-    \x20                                                              the mean of two runs, where none.ron is (steps: 0), and for runs that saw no\n  \
+    \x20                                                              the mean of two runs; none.ron is (steps: 0), and for runs without\n  \
     \x20                                                              feedback (steps: 0, feedback: false)\n  \
     sparsesplat train -o run --dataset nerfstudio --root photographs --size 240x160\n\n\
-    A configuration is RON; what it leaves out is as in the default, which --print-config shows.")]
+    A configuration is a RON file. Settings that it leaves out have the defaults, which --print-config prints.")]
 pub(crate) struct Arguments {
-    /// Folder for checkpoint, weights, log, curve and pictures
+    /// Output folder for checkpoint, weights, log, curve and pictures
     #[arg(short, long, value_name = "DIR", required_unless_present = "print_config")]
     output: Option<PathBuf>,
-    /// Settings of the training
+    /// Training settings (RON)
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Begin with these weights instead of drawn ones; with several, each after its own --from, with their mean
+    /// Start from these weights instead of random ones; if given several times, from their mean
     #[arg(long, value_name = "FILE")]
     from: Vec<PathBuf>,
-    /// Print the settings as they would be used, and stop
+    /// Print all settings and stop
     #[arg(long)]
     print_config: bool,
     #[command(flatten)]
     lpips: LpipsWeights,
     #[command(flatten)]
     data: Data,
-    /// Generated scenes to validate on, seeds 500, 501, ...
-    #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 8)]
+    /// Number of generated scenes for validation, seeds 500, 501, ...
+    #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 8, hide_short_help = true)]
     validation_scenes: usize,
-    /// Validate after so many steps
+    /// Steps between validations
     #[arg(long, value_name = "STEPS", value_parser = positive, default_value_t = 500)]
     validate_every: usize,
-    /// Write a checkpoint after so many steps
-    #[arg(long, value_name = "STEPS", value_parser = positive, default_value_t = SAVE_EVERY)]
+    /// Steps between checkpoints
+    #[arg(long, value_name = "STEPS", value_parser = positive, default_value_t = SAVE_EVERY, hide_short_help = true)]
     save_every: usize,
-    /// Go on from the checkpoint in --output, if there is one
+    /// Resume from the checkpoint in --output, if there is one
     #[arg(long)]
     resume: bool,
 }
 
-/// What to train on.
+/// Training data.
 #[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Data to train on")]
+#[command(next_help_heading = "Training data")]
 pub(crate) struct Data {
-    /// What to train on
+    /// Data set, or the layout of your own data
     #[arg(long, value_enum, default_value = "simulated")]
     dataset: Dataset,
-    /// Folder of a scene, or of several
+    /// Folder of one scene, or of several scenes
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
-    /// With simulated: so many generated scenes
+    /// With simulated: number of generated scenes
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 240)]
     scenes: usize,
-    /// With simulated: so many more, photographed in the wild: views farther apart, exposure that varies, noise, poses a little wrong; woods
+    /// With simulated: number of additional scenes in the wild: wider baselines, varying exposure, noise, slightly wrong poses, woods
     #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0)]
     wild_scenes: usize,
-    /// With simulated: seed of the first; those of `eval` begin at 0 and must stay unseen
-    #[arg(long, value_name = "SEED", default_value_t = 1000)]
+    /// With simulated: seed of the first scene; the scenes of `eval` start at 0 and must stay unseen
+    #[arg(long, value_name = "SEED", default_value_t = 1000, hide_short_help = true)]
     first_seed: u64,
     /// Size of the pictures
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "240x160")]
     size: (usize, usize),
-    /// Where windows and what the backbone says of them are kept
+    /// Cache folder for windows with their depth and features
     #[arg(long, value_name = "DIR", default_value = "train-cache")]
     pub(crate) cache: PathBuf,
     #[command(flatten)]

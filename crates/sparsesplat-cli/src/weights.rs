@@ -10,19 +10,19 @@ use evaluate::Table;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Weights of DepthSplat's network: which are published, which are here; fetches them when told to
+/// List the published weights of DepthSplat's network, and fetch them on request
 ///
-/// None come along, and none are ever fetched unasked. `reconstruct`, `eval`, `train` and others take a file as --weights with
-/// --backbone depthsplat, or the first of this list that lies in the folder that `doctor` names.
+/// No weights of the network are included, and none are ever fetched unasked. With --backbone depthsplat, `reconstruct`, `eval`, `train` and others
+/// take a file by --weights, or the first of this list in the folder that `doctor` names.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  \
-    sparsesplat weights                                      what there is\n  \
-    cargo xtask weights --fetch small-dl3dv                  places a checkpoint, some 150 MB; needs the network")]
+#[command(arg = crate::arguments::no_device(), after_help = "Examples:\n  \
+    sparsesplat weights                                      list all weights\n  \
+    cargo xtask weights --fetch small-dl3dv                  fetch a checkpoint of some 150 MB from the internet")]
 pub(crate) struct Arguments {
-    /// Fetch the checkpoint of this name from Hugging Face and place it (in a build with the feature `hf-hub`, as `cargo xtask weights` makes)
+    /// Fetch the checkpoint of this name from Hugging Face (needs the feature `hf-hub`, which `cargo xtask weights` turns on)
     #[arg(long, value_name = "NAME", value_parser = checkpoint)]
     fetch: Option<Checkpoint>,
-    /// Where it is placed [default: where weights are looked for]
+    /// Folder for the checkpoint [default: the folder that is searched for weights]
     #[arg(long, value_name = "DIR", requires = "fetch")]
     folder: Option<PathBuf>,
 }

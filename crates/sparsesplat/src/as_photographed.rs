@@ -1,10 +1,10 @@
 //! Exposure that changes with the view, as it does from photograph to photograph.
 //!
-//! Photographs that were taken side by side are exposed alike (docs/training.md has what that is worth). So a scene's colours are made to depend on where they are
-//! seen from: from the place of a photograph they have that one's exposure, from between photographs one in between.
+//! Photographs that were taken side by side have similar exposure. So the scene keeps the exposure of the photographs and blends between them as
+//! the viewpoint moves (the gain: docs/journal/2026-11-training-runs.md).
 //!
-//! Per Gaussian the change from the common exposure, δ_c = (rgb - bias_c) / gain_c - rgb for its constant colour and the photograph
-//! of camera c, is fitted over the directions d_c in which the cameras see it: s minimises Σ_c (Y(d_c)·s - δ_c)² + λ |s|².
+//! For each Gaussian, δ_c = (rgb - bias_c) / gain_c - rgb is the change of its constant colour rgb from the common exposure to the photograph of
+//! camera c. It is fitted over the directions d_c in which the cameras see the Gaussian: s minimises Σ_c (Y(d_c)·s - δ_c)² + λ |s|².
 
 use crate::harmonics::{DEGREE, TERMS, basis};
 use crate::{Exposure, ExposureGain, Result};
@@ -12,7 +12,7 @@ use glam::DVec3;
 use gs_scene::{Gaussians, MEAN, View, rgb_from_dc, sh_coefficients};
 use rayon::prelude::*;
 
-/// λ. From 0.03 to 0.1 held-out photographs do not change by 0.01 dB (docs/training.md); a larger one bounds the change better in directions that no
+/// λ. From 0.03 to 0.1 held-out photographs do not change by 0.01 dB (docs/journal/2026-11-training-runs.md); a larger one bounds the change better in directions that no
 /// photograph has: |Y·s| ≤ |Y| |δ| / (2 √λ).
 const RIDGE: f64 = 0.1;
 /// A gain below this, which no photograph of a scene has beside the others, is taken for this.

@@ -1,8 +1,8 @@
 //! The cells of a view: every pixel belongs to the sampled pixel that stands for it.
 //!
-//! A Gaussian replaces a patch of the photograph. Which patch is settled by a clustering in position, colour and
+//! A Gaussian replaces a patch of the photograph. The patch is found by a clustering in position, colour and
 //! inverse depth (as in SLIC superpixels, with the sampled pixels as fixed seeds): cells follow edges, so their mean
-//! colours do not mix what an edge parts, and their second moments give a Gaussian its shape in the picture.
+//! colours do not mix both sides of an edge, and their second moments give a Gaussian its shape in the picture.
 
 use gs_scene::Image;
 

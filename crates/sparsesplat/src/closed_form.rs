@@ -1,9 +1,9 @@
-//! The head without weights: every attribute of a Gaussian by formula from the patch that its anchor stands for.
+//! The closed-form head: every attribute of a Gaussian by formula, from the patch that its anchor stands for.
 //!
-//! Shape: the cell's second moments, lifted to the surface's tangent plane, times a factor that falls with the density
-//! of anchors in space: where the other views put theirs on the same surface, each needs to cover less. A Gaussian that
-//! covers its cell alone (factor 3.6: a standard deviation of 0.55 instead of 0.29 cell widths) was measured to blur
-//! away 1.8 dB at 40k. Where no other view confirms the depth there is no sharpness to be kept, and the Gaussian is wider.
+//! Shape: the second moments of the cell, lifted to the tangent plane of the surface, times a factor. The factor falls with the density of anchors in
+//! space: if other views have anchors on the same surface, each Gaussian needs to cover less. A Gaussian that covers its cell alone (factor 3.6: a standard
+//! deviation of 0.55 instead of 0.29 cell widths) lost 1.8 dB at 40k by blur. If no other view confirms the depth, there is no sharpness to keep, and the
+//! Gaussian is wider.
 
 use crate::cells::Cell;
 use glam::{DMat3, DQuat, DVec2, DVec3};

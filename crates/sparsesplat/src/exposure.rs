@@ -1,4 +1,4 @@
-//! Gain and bias that bring the views to one exposure, from what they see in common.
+//! Gain and bias that convert the views to one exposure, from the content that they share.
 
 use crate::ExposureGain;
 use depth_backbone::ViewGeometry;

@@ -1,18 +1,17 @@
 //! Merging a set of Gaussians down to a count: the post-processed baseline.
 //!
-//! It stands for what GGN and Long-LRM do after a pixel-aligned prediction. GGN's Gaussian pooling makes one Gaussian of
-//! those of several views that lie within a distance of each other; Long-LRM drops faint ones. Both stop at a threshold,
-//! so that the count is what comes out, and both are trained with it. Here nothing is trained, the count is given, and
-//! what is alike is merged within views as well, for as long as it takes:
+//! It represents the post-processing of GGN and Long-LRM after a pixel-aligned prediction. GGN's Gaussian pooling merges Gaussians of several
+//! views within a distance of each other; Long-LRM drops faint ones. Both stop at a threshold, so their count varies, and both are trained with it.
+//! Here nothing is trained, the count is given, and similar Gaussians of one view are merged, too, until the count is reached:
 //!
 //! 1. Gaussians too faint to be drawn are dropped, faintest first, while there are too many.
-//! 2. In rounds, each Gaussian proposes to the one among its nearest with which it makes the smallest error: Ward's
+//! 2. In rounds, each Gaussian proposes a merge to the one of its nearest with the smallest error: Ward's
 //!    criterion, the harmonic mean of their weights times their squared distance in colour and in pixels. Proposals are
 //!    taken from the cheapest on, each Gaussian once a round, until the count is reached.
 //! 3. A pair becomes the Gaussian with its total moments: optical mass, mean, second moments; SH are averaged by mass.
 //!
-//! Optical mass is -ln(1 - opacity) times the disc's area: of two Gaussians in one place light passes as through both,
-//! two beside each other stay as opaque as they are.
+//! Optical mass is -ln(1 - opacity) times the disc's area. With it, two Gaussians in one place transmit as much light as before, and two beside each
+//! other keep their opacity.
 
 mod cluster;
 mod covariance;

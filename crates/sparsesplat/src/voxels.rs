@@ -1,13 +1,11 @@
 //! Anchors by voxels: the voxel-aligned baseline.
 //!
-//! It stands for AnySplat and VolSplat, which average what lies in a voxel of a uniform grid and make one Gaussian of
-//! each. There the size of a voxel is set and the count comes out; here the count is given, the size is solved for it,
-//! and what is then missing (at most one in [`SLACK`]) comes from halving the fullest voxels.
+//! It represents AnySplat and VolSplat, which average the content of each voxel of a uniform grid to one Gaussian. They set the size of a voxel, and
+//! the count follows. Here the count is given and the size is solved for it; a remainder of at most one in [`SLACK`] comes from halving the fullest voxels.
 //!
-//! A voxel belongs to the view that has most in it, its home. Of its pixels, those that lie within that view's picture
-//! are averaged, by confidence: position, normal, colour, features; how they spread in the picture is its cell. From
-//! there on voxels are anchors as any, with neighbours, a head and a decoder. AnySplat's weights are a softmax of its
-//! learned confidence, VolSplat refines voxels by a network in space; neither is there here.
+//! The view with most pixels in a voxel is the home of the voxel. Of the voxel's pixels, those within the picture of the home are averaged by
+//! confidence: position, normal, colour, features. Their spread in that picture is the cell. After that voxels are ordinary anchors, with neighbours, a
+//! head and a decoder. AnySplat weights by a softmax of learned confidence, and VolSplat refines voxels by a network in space; this baseline has neither.
 
 use crate::cells::{Cell, PIXEL_VARIANCE};
 use backproject::Anchors;

@@ -1,4 +1,4 @@
-//! What can be wrong with a file of `torch.save`.
+//! Rules of files of `torch.save`.
 
 /// The rules of a file of `torch.save` that can be broken. Positions count bytes of its `data.pkl`, or of the file where that
 /// is of PyTorch before 1.6.

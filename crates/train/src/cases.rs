@@ -1,5 +1,5 @@
-//! Windows and what the frozen backbone says of them, kept on disk: ray tracing and stereo take seconds, a step of
-//! training less.
+//! Windows with cached depth and features of the frozen backbone, on disk: ray tracing and stereo take seconds, a training
+//! step less.
 
 use crate::{Error, Result};
 use evaluate::{GeometryCache, Plan, Window, hexadecimal};

@@ -1,5 +1,5 @@
-//! A run as it stands: weights, optimiser, step. What is drawn depends on seed and step alone, so nothing else is
-//! needed to go on to the same weights bit for bit.
+//! A checkpoint: weights, optimiser, step. All random draws depend on seed and step alone, so this is enough to resume to
+//! the same weights bit for bit.
 
 use crate::adam::Adam;
 use crate::{Config, Error, Result};

@@ -1,5 +1,5 @@
-//! Depth made worse on purpose. Stereo of rendered scenes is better than that of photographs: there, what several views
-//! say of a surface lies in skins beside each other, and a head that has not met them does not mend them.
+//! Augmentation by errors of depth. Stereo of rendered scenes is better than stereo of photographs. On photographs several views place one surface in
+//! several layers, and a head that never saw such layers does not correct them.
 
 use crate::Result;
 use crate::draw::{Stream, bits, unit};

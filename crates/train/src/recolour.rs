@@ -1,5 +1,5 @@
-//! Windows in other colours. The generator's scenes are lit warmly and evenly; photographs are neutral in the mean, and reach from
-//! nearly black to nearly white. A head that has met one sort of light alone takes its mean and contrast for the world's.
+//! Augmentation by other colours. Generated scenes have warm and even light; photographs are neutral in the mean, and reach from nearly black to nearly
+//! white. A head that has seen one kind of light only learns its mean and contrast.
 
 use crate::draw::{Stream, bits, unit};
 use crate::{Case, Result};

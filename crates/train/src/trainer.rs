@@ -1,4 +1,4 @@
-//! The loop, a step at a time.
+//! The training loop, one step at a time.
 
 use crate::adam::{Adam, length};
 use crate::checkpoint::{self, Progress};

@@ -1,4 +1,4 @@
-//! What a user stumbles over, looked for before any work is done.
+//! Checks of a data set before any work is done.
 
 mod depth;
 mod epipolar;

@@ -1,4 +1,4 @@
-//! What can be wrong, one enum for the crate and one for the rules of each kind of file.
+//! Errors: one enum for the crate, and one for the rules of each kind of file.
 
 mod format;
 mod pose;

@@ -1,4 +1,4 @@
-//! Opening a data set whose layout is not said: recognised by what lies there.
+//! Opens a data set of unknown layout, which is recognised by its files.
 
 use crate::{
     Dataset, Dropped, Error, Format, Result, open_chunks, open_colmap, open_dl3dv, open_nerfstudio,

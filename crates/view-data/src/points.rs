@@ -1,4 +1,4 @@
-//! Points of the scene that a data set brings along.
+//! Points of the scene that are part of a data set.
 
 use crate::colmap::{ModelFiles, read_points};
 use crate::{Dataset, Result};

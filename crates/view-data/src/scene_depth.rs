@@ -1,4 +1,4 @@
-//! How far away the scene is: stated by the file, or guessed from the poses.
+//! The distance of the scene: stated by the file, or guessed from the poses.
 
 use crate::{Dataset, DepthPercentiles, Error, Result};
 use glam::{DMat3, DVec3};

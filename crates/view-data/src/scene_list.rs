@@ -1,4 +1,4 @@
-//! Scenes that are known by name before any of them is opened.
+//! Lists of scenes, known by name before any of them is opened.
 
 use crate::chunk::Chunk;
 use crate::{Dataset, Dropped, Error, Format, Result, Scenes};

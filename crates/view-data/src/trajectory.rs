@@ -1,4 +1,4 @@
-//! What layouts of one camera and one pose per frame share: matrices in text, numbered files, measured depth.
+//! Shared parts of layouts with one camera and one pose per frame: matrices in text, numbered files, measured depth.
 
 use crate::dataset::nearest_rotation;
 use crate::files::{Line, Lines, broken, unreadable};

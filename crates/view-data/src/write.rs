@@ -1,4 +1,4 @@
-//! Writing data sets in the layouts in which people have theirs.
+//! Writes data sets in common layouts.
 
 mod colmap;
 mod error;

@@ -9,8 +9,8 @@
 //! o[c]     = sum over j of alpha_cj (v_j + d_ij)[c],           alpha_c = softmax of logit_c
 //! ```
 //!
-//! Softmax takes no notice of what all logits of an anchor share, |q|² and b2 . q, and the weights add up to 1. So
-//! W2 need not see pairs, only anchors, on both sides of the softmax:
+//! Softmax ignores terms that all logits of an anchor share, |q|² and b2 . q, and its weights add up to 1. So W2 is applied
+//! to anchors instead of pairs, on both sides of the softmax:
 //!
 //! ```text
 //! u_c      = W2[c]ᵀ q[c] / sqrt(32)                            [128]
@@ -19,11 +19,11 @@
 //! o[c]     = W2[c] g_c + b2[c] + sum over j of alpha_cj v_j[c]
 //! ```
 //!
-//! What is left for a pair is 3 x 128 products for h_ij, which is recomputed wherever it is needed, and 4 x 128 for
-//! each of u and g. All else are products of matrices of blocks of anchors.
+//! A pair costs 3 x 128 products for h_ij, which is recomputed where it is needed, and 4 x 128 for each of u and g.
+//! Everything else is a product of matrices over blocks of anchors.
 //!
-//! The gradient follows the same path backwards from the features before every layer. What an anchor sends to its
-//! neighbours' keys and values is gathered by the neighbours, in the order of anchors; gradients of weights are summed
+//! The gradient follows the same path backwards from the features before every layer. Each anchor gathers the gradients of its key and value
+//! from the anchors that it is a neighbour of, in their order; gradients of weights are summed
 //! over fixed ranges of anchors, then over ranges. Neither depends on the number of threads.
 //!
 //! Memory beyond inputs and outputs: for inference 3 buffers of `[n, 128]` numbers (features, keys, values) and some

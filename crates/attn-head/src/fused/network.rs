@@ -1,4 +1,4 @@
-//! All parameters, ready for products, and the way from inputs to outputs.
+//! All parameters, packed for matrix products, and the forward pass.
 
 use super::layer::{Anchors, Layer, Workspace};
 use super::norm::Norm;

@@ -1,4 +1,4 @@
-//! What attention does with each pair of an anchor and a neighbour. Nothing of the size of all pairs times the width
+//! Attention for each pair of an anchor and a neighbour. Nothing of the size of all pairs times the width
 //! is ever stored: rows of an anchor's pairs live in the first-level cache.
 
 use crate::{HEAD_WIDTH, HEADS, Inputs, WIDTH};

@@ -1,4 +1,4 @@
-//! Where a tensor lies among the weights, and sums of gradients over a range of anchors.
+//! The place of a tensor among the weights, and sums of gradients over a range of anchors.
 
 use crate::Layout;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! Who looks at whom, the other way round.
+//! The transposed neighbour lists: for each anchor, the anchors that it is a neighbour of.
 
 use super::pairs::{SUMS, TwoRows};
 use crate::{HEAD_WIDTH, HEADS, Inputs};

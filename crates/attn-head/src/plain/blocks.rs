@@ -1,4 +1,4 @@
-//! What an anchor learns from its neighbours in one block, kind by kind.
+//! The message of the neighbours in one block, for each kind of head.
 
 use super::ops::{Parameters, max, project, softmax};
 use crate::{HEAD_WIDTH, HEADS, Kind, MESSAGE, Result, WIDTH};

@@ -1,5 +1,5 @@
 //! The heads in ordinary operations of candle: every kind, f32 or f64, on any device, differentiable by the weights and
-//! by all inputs. What the fused path computes is judged by it.
+//! by all inputs. The tests compare the fused path with it.
 
 mod blocks;
 mod inputs;

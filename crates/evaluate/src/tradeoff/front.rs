@@ -1,4 +1,4 @@
-//! Which points nobody beats, and where among them more stops being worth its price.
+//! The Pareto front of the points, and its knees.
 
 use serde::Serialize;
 

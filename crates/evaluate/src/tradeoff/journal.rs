@@ -1,4 +1,4 @@
-//! What was measured, as JSON lines: the recipe first, then a line per window, point and seed.
+//! The journal of a sweep, as JSON lines: the recipe first, then a line per window, point and seed.
 
 use super::SweepError;
 use super::measure::Measured;

@@ -1,4 +1,4 @@
-//! What accuracy costs in time: a base method varied along one axis at a time, measured point by point.
+//! Sweeps that measure what accuracy costs in time: a base method is varied along one axis at a time, measured point by point.
 
 mod error;
 mod journal;

@@ -1,4 +1,4 @@
-//! A sweep as one page: words, plots, tables, pictures of every point under a slider. Nothing to fetch.
+//! The self-contained HTML page of a sweep: text, plots, tables, and pictures of every point under a slider.
 
 use super::SweepError;
 use super::document::{SHARES, points_table, share_table, statements, windows_in_words};

@@ -1,4 +1,4 @@
-//! The paper's tables (SparseSplat, CVPR 2026), with what a sweep measured beside.
+//! The paper's tables (SparseSplat, CVPR 2026), beside the points of a sweep.
 
 use super::summary::{Row, Summary};
 use crate::table::{Table, count, lpips_column, number};

@@ -1,4 +1,4 @@
-//! Pictures of points, kept as files so that a report can show them after an interruption, or of several shards.
+//! Pictures of points, kept as files, so that a report can show them after an interruption and from several shards.
 
 use super::SweepError;
 use crate::picture::Picture;

@@ -1,4 +1,4 @@
-//! The loop of a sweep: windows, points, seeds; what is in the journal is not done again.
+//! The loop of a sweep: windows, points, seeds; it skips measurements that are in the journal.
 
 use super::SweepError;
 use super::journal::{Entry, Failed, Journal};

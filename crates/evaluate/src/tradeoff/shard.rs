@@ -1,4 +1,4 @@
-//! A part of a sweep's windows, and what schedulers of clusters say of it.
+//! Shards of a sweep's windows, and the variables of cluster schedulers that select one.
 
 use super::SweepError;
 use serde::{Deserialize, Serialize};

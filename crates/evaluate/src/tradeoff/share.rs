@@ -1,4 +1,4 @@
-//! At which count a curve of quality over Gaussians reaches a given quality.
+//! The number of Gaussians at which a curve reaches a given quality.
 
 use serde::Serialize;
 

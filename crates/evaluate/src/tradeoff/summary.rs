@@ -1,4 +1,4 @@
-//! What a sweep found: a row per point, the fronts, the knees, the shares.
+//! The summary of a sweep: a row per point, fronts, knees and shares.
 
 use super::front::{Knee, knee, pareto_front};
 use super::journal::{Entry, Failed, Header};

@@ -1,8 +1,8 @@
 //! The EWA projection of a Gaussian (Zwicker et al. 2001), shared by the pass forward and the pass backward.
 //!
 //! In f64, and rounded once by the callers: scenes far from the origin, needles and huge scales keep their precision. No
-//! branches and no calls, so that loops over Gaussians become vector instructions; what is not drawn gives any
-//! number, NaN included.
+//! branches and no calls, so that loops over Gaussians become vector instructions. A Gaussian that is not drawn gives an arbitrary
+//! number, possibly NaN.
 
 use super::math;
 use crate::RenderSettings;

@@ -1,4 +1,4 @@
-//! Which tiles an ellipse touches.
+//! The tiles that an ellipse touches.
 
 use super::project::Splat;
 use super::{Grid, TILE};

@@ -1,4 +1,4 @@
-//! Which adapter to use.
+//! The choice of the adapter.
 
 use crate::{Error, Result};
 use gs_scene::{Gaussians, sh_coefficients};

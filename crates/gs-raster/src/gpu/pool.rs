@@ -1,4 +1,4 @@
-//! Buffers that go back to where they came from, to serve the next frame.
+//! A pool of buffers, which are reused by the next frame.
 
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};

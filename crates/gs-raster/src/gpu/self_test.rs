@@ -1,4 +1,4 @@
-//! Whether an adapter computes what it should: a tiny scene, far from the world's origin, against what gs-reference made of it.
+//! The self-test of an adapter: a tiny scene, far from the world's origin, is compared with the result of gs-reference.
 
 use super::context::Gpu;
 use crate::{Error, PixelGradients, RenderSettings, Result};

@@ -1,4 +1,4 @@
-//! How lenses depart from a pinhole.
+//! Lens models: the distortion of a pinhole picture.
 //!
 //! Every model has two steps. Its *projection* takes a direction (X/Z, Y/Z) to a plane: as it is, by its angle, or by
 //! one of a few functions of its length that have closed inverses. Its *bending* then moves points within that plane,

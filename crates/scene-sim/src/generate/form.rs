@@ -1,4 +1,4 @@
-//! Forms that boxes cannot do, as polygons around the origin of their own axes.
+//! Shapes other than boxes, as polygons around the origin of their own axes.
 
 use crate::Rgb;
 use crate::noise::octaves;

@@ -1,4 +1,4 @@
-//! Whether generated scenes are ones that could stand there, over many seeds.
+//! Checks over many seeds that generated scenes are physically plausible.
 
 use super::*;
 use crate::trace::{PathRay, Traced};

@@ -1,4 +1,4 @@
-//! Where the camera goes: paths are drawn until one keeps its distance from all things and sees the scene well.
+//! The camera's path: paths are drawn until one keeps its distance from all things and sees the scene well.
 
 use crate::random::Random;
 use crate::stage::plain;

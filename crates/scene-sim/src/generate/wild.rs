@@ -1,4 +1,4 @@
-//! The same scenes in the pictures of strangers.
+//! The same scenes photographed the way strangers do.
 
 use super::{Kind, generate};
 use crate::random::Random;

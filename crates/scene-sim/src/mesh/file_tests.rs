@@ -1,4 +1,4 @@
-//! The readers against files written here, sound and broken.
+//! Tests of the readers with valid and broken files.
 
 use super::obj::read_obj;
 use super::ply::read_ply;

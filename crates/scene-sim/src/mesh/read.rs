@@ -1,4 +1,4 @@
-//! Where the triangles of a mesh come from.
+//! Sources of the triangles of a mesh.
 
 use super::obj::read_obj;
 use super::ply::read_ply;

@@ -1,4 +1,4 @@
-//! What a picture cost, by kind.
+//! Counts of the rays and draws of a picture, by kind.
 
 use serde::Serialize;
 use std::ops::Add;

@@ -1,4 +1,4 @@
-//! From the light of the samples to the picture.
+//! Turns the light of the samples into the picture.
 
 use super::RayCounts;
 use crate::Rgb;

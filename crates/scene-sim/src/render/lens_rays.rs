@@ -1,4 +1,4 @@
-//! A camera as it is photographed with: a lens that distorts and blurs, moved while the shutter is open.
+//! The rays of a real camera: its lens distorts and blurs, and it moves while the shutter is open.
 
 use super::RayCounts;
 use super::beam::Beam;

@@ -1,4 +1,4 @@
-//! Pictures as a camera on its way takes them.
+//! Photographs of a camera that moves along a path.
 
 use super::film::{Film, Plain};
 use super::lens_rays::{LensRays, is_plain};

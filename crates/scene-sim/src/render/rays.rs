@@ -1,4 +1,4 @@
-//! Where the rays of a picture start and go.
+//! Origins and directions of the rays of a picture.
 
 use super::RayCounts;
 use super::beam::Beam;

@@ -1,4 +1,4 @@
-//! The sensor: how much light it gets and what it makes of it.
+//! The sensor: exposure, noise, and the encoding of light.
 
 use super::RayCounts;
 use super::film::Film;

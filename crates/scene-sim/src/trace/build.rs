@@ -1,4 +1,4 @@
-//! How a scene becomes ready for rays.
+//! Prepares a scene for ray tracing.
 
 use super::body::Body;
 use super::ledger::{Dropped, Omission};

@@ -1,4 +1,4 @@
-//! What of a description is not seen.
+//! The list of invisible parts of a description.
 
 use std::fmt;
 

@@ -1,4 +1,4 @@
-//! What a mesh hands to shading: colours, texture coordinates, holes.
+//! Tests of a mesh's inputs to shading: colours, texture coordinates, holes.
 
 use super::mesh_tests::{scene, star};
 use super::*;

@@ -1,4 +1,4 @@
-//! The hierarchy against testing every body.
+//! Compares the hierarchy with testing every body.
 
 use super::*;
 use crate::{Finish, Material, Pattern, Primitive, Scene, Shape, Sky};

@@ -1,5 +1,5 @@
-//! What the head's 38 outputs mean: bounded changes of the closed-form Gaussian, so that an untrained head, whose
-//! outputs are 0, gives exactly that one.
+//! The decoder: the head's 38 outputs are bounded changes of the closed-form Gaussian. An untrained head, whose outputs are 0,
+//! gives exactly the closed form.
 //!
 //! | outputs | change | bound |
 //! |---|---|---|
@@ -9,12 +9,12 @@
 //! | 8..35 | spherical harmonics of degree 2, `[coefficient][rgb]`, in the camera's axes: added | 2 |
 //! | 35..38 | the mean is moved, in the camera's axes and in units of the anchor's spacing | 2 |
 //!
-//! The paper's 38 outputs are 1 + 3 + 4 + 27 = 35; it does not say what the other three are. An output x changes by
-//! b·tanh(x / b), b the bound: of slope 1 where training begins, and finite whatever the head says.
+//! The paper states 38 outputs, but lists 1 + 3 + 4 + 27 = 35; it does not name the other three. An output x changes its attribute by b·tanh(x / b), with
+//! b the bound: the slope is 1 at the start of training, and the change is finite for any output.
 //!
-//! Of the change of colour its mean over each view, by the area that anchors cover there, is taken back: a head puts colours where they
-//! belong, but how bright a photograph is on the whole the closed form knows already. Without that the default
-//! head made dark photographs darker and light ones lighter (docs/training.md).
+//! The mean colour change over each view, weighted by the area that anchors cover there, is subtracted: the closed form already has the right mean
+//! brightness of a photograph. Without this the default head made dark photographs darker and light ones lighter
+//! (docs/journal/2026-11-training-runs.md).
 
 use super::rotate_sh::RotateSh;
 use crate::harmonics::{TERMS, basis};

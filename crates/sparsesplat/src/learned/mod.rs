@@ -1,4 +1,4 @@
-//! The learned head: what it sees of the anchors, and what becomes of its outputs.
+//! The learned head: its inputs for each anchor, and the decoding of its outputs.
 
 mod decode;
 mod feedback;

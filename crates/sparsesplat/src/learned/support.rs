@@ -1,4 +1,4 @@
-//! What the other views say of an anchor: does it lie on what they see, in front of it, or behind?
+//! Support of an anchor by the other views: it lies on the surface that they see, in front of it, or behind it.
 
 use depth_backbone::ViewGeometry;
 use glam::DVec3;

@@ -1,4 +1,4 @@
-//! What was merged into one: moments, and the error of merging further.
+//! A cluster of merged Gaussians: its moments, and the error of a further merge.
 
 use super::covariance::{axes, covariance};
 use glam::{DMat3, DVec3};

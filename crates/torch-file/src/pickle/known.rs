@@ -1,4 +1,4 @@
-//! What a pickle of `torch.save` may name, call and refer to. No name is looked up anywhere but here.
+//! The names that a pickle of `torch.save` may use. Names are looked up only here.
 
 use super::machine::{Machine, Result};
 use super::value::{Dtype, Global, Span, Storage, Tensor, Value};

@@ -1,5 +1,5 @@
-//! What a pickle builds. Containers lie in pools and refer to each other by position: a list that holds itself is no
-//! leak, and what is referred to often is stored once, so that memory follows the pickle's length.
+//! The values of a pickle. Containers are in pools and refer to each other by position. So a list that contains itself does not leak, a value with many
+//! references is stored once, and memory is bounded by the length of the pickle.
 
 /// Longest text that is looked at, bytes: one long text may stand for many values, and reading it for each would take
 /// time without bound.

@@ -1,4 +1,4 @@
-//! Corners and what they look like: upright histograms of gradients on a pyramid of sizes. No pose is used.
+//! Corners and their descriptors: upright histograms of gradients on an image pyramid. No pose is used.
 
 use super::grey::Grey;
 use glam::DVec2;

@@ -1,4 +1,4 @@
-//! Which matches agree with one epipolar geometry, when nobody knows it: RANSAC over eight matches at a time.
+//! Matches that agree with one unknown epipolar geometry: RANSAC over eight matches at a time.
 
 use super::epipolar::symmetric_distance;
 use super::linear::{add_square, smallest_eigenvector};

@@ -1,4 +1,4 @@
-//! Where the cameras are, and which of them see the same.
+//! The places of the cameras, and which of them share content.
 
 use super::report::{LayoutSummary, OverlapSummary};
 use crate::SceneDepth;

@@ -1,4 +1,4 @@
-//! How far away the scene is, from the best source that there is.
+//! The distance of the scene, from the best available source.
 
 use super::epipolar::{Posed, triangulate};
 use super::readings::{PairMatches, quantile};

@@ -1,4 +1,4 @@
-//! The poses as read, and as the usual misreadings would have them, against matches that know no poses.
+//! Compares the poses as read, and their usual misreadings, with matches that were found without poses.
 
 use super::epipolar::{Posed, fundamental, symmetric_distance, triangulate, turn_distance};
 use super::matching::Match;

@@ -1,4 +1,4 @@
-//! What a check found, as data: keys are stable, lengths are in scene units, angles in degrees, times in
+//! The report of a check, as data: keys are stable, lengths are in scene units, angles in degrees, times in
 //! seconds.
 
 use serde::Serialize;

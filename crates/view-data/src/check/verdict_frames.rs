@@ -1,4 +1,4 @@
-//! Findings about single frames: those whose pictures do not fit poses that fit otherwise.
+//! Findings about single frames whose pictures do not fit their poses, while other frames do.
 
 use super::epipolar::Posed;
 use super::readings::{PairMatches, Tally, median};

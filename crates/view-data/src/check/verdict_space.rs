@@ -1,4 +1,4 @@
-//! Findings about space: depth, range, the places of the cameras, and what they share.
+//! Findings about space: depth, range, the places of the cameras, and their overlap.
 
 use super::layout::{MAX_OVERLAP_FRAMES, Overlap, find_layout, find_overlap, off_line};
 use super::report::{

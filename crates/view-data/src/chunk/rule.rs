@@ -1,4 +1,4 @@
-//! What can be wrong with a chunk.
+//! Rules of chunks.
 
 use crate::CameraRule;
 

@@ -1,4 +1,4 @@
-//! What the files of a sparse model hold, from either kind of file.
+//! The content of a sparse model, from text or binary files.
 
 use super::cameras::CameraModel;
 use crate::files::{Binary, Line, Lines};

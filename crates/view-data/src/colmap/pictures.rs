@@ -1,4 +1,4 @@
-//! Where the pictures of a model lie: the model has names only.
+//! Finds the pictures of a model, which has only their names.
 
 use crate::ImageSource;
 use std::collections::{BTreeSet, HashSet};

@@ -1,4 +1,4 @@
-//! What can be wrong with an evaluation index.
+//! Rules of evaluation indices.
 
 /// The rules of an evaluation index that can be broken.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! Where a picture is when it is not where `file_path` says.
+//! Finds a picture that is not at its `file_path`.
 
 use crate::ImageSource;
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,4 +1,4 @@
-//! What can be wrong with a camera file of RealEstate10K.
+//! Rules of camera files of RealEstate10K.
 
 use crate::CameraRule;
 

@@ -1,4 +1,4 @@
-//! Drawings of the cameras and of who overlaps whom, as SVG.
+//! Drawings of the cameras and of their overlaps, as SVG.
 
 use super::escape;
 use crate::check::readings::median;
