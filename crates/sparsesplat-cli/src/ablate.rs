@@ -4,9 +4,9 @@ use crate::arguments::{Common, LpipsWeights, gaussians, positive, scenes, seeds,
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::source::simulated;
-use crate::summary::{print, print_line};
+use crate::summary::{print, print_line, warn};
 use crate::train::{Data, Run, SAVE_EVERY, config};
-use crate::{device, output, threads};
+use crate::{device, output};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
 use evaluate::{
@@ -224,7 +224,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         gaussians: arguments.gaussians,
         data_sha256: cases.sha256(),
     };
-    let recipe = Recipe::of_this_run(base.seed, threads(), settings);
+    let recipe = crate::recipe(base.seed, settings);
     if let Some(path) = &common.json {
         let protocol = evaluate::PROTOCOL;
         let record = Record { recipe: &recipe, protocol, lpips_network, rows: &rows, dropped: &dropped };

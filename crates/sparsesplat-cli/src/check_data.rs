@@ -2,9 +2,10 @@
 
 use crate::arguments::{Common, positive};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output::{Outputs, named};
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
-use crate::{output, threads};
+use crate::output;
 use clap::Args;
 use evaluate::{Dropped, Recipe, peak_rss_bytes};
 use serde::Serialize;
@@ -89,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         let config = Settings { pairs: settings.pairs, corners: settings.corners, seed: settings.seed };
         let dropped = found.dropped.into_iter();
         let record = Record {
-            recipe: Recipe::of_this_run(arguments.seed, threads(), config),
+            recipe: crate::recipe(arguments.seed, config),
             scenes: reports,
             dropped: dropped
                 .map(|entry| Dropped { name: entry.key, reason: entry.reason, failed: true })

@@ -5,7 +5,7 @@ use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::summary::{counts_line, memory_line, print, print_line, refinement_line, seconds_line};
-use crate::{output, threads};
+use crate::output;
 use clap::Args;
 use evaluate::{
     Picture, PictureLimits, Recipe, Report, SIMULATED_SIZE, SimulatedScene, WindowRow, figures_table, means,
@@ -91,7 +91,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
 
     let peak = peak_rss_bytes();
-    let recipe = Recipe::of_this_run(arguments.seed, threads(), &method);
+    let recipe = crate::recipe(arguments.seed, &method);
     let row = WindowRow::new(&window, vec![outcome.figures.clone()]);
     let mut report = Report::new(
         "SparseSplat demo",

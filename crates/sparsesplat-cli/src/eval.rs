@@ -5,9 +5,10 @@ use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
-use crate::source::{Planned, Source};
+use crate::output::{Outputs, named};
+use crate::source::{Planned, Source, files_of};
 use crate::summary::{print, print_line};
-use crate::{output, threads};
+use crate::output;
 use clap::Args;
 use evaluate::{
     Evaluation, Event, GeometryCache, Method, PictureLimits, Reading, Recipe, Report, evaluate,
@@ -151,7 +152,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     let peak = peak_rss_bytes();
     let settings = Settings { seeds: &seeds, reading, method: &method };
-    let recipe = Recipe::of_this_run(seeds[0], threads(), settings);
+    let recipe = crate::recipe(seeds[0], settings);
     if let Some(path) = &common.json {
         let record =
             Record { recipe: &recipe, evaluation: &evaluation, device: &device, peak_rss_bytes: peak };

@@ -110,6 +110,14 @@ fn run(cli: &Cli) -> Outcome {
     }
 }
 
+/// What a figure is made with, for the head of a JSON file.
+fn recipe<C: serde::Serialize>(seed: u64, config: C) -> evaluate::Recipe<C> {
+    evaluate::Recipe::of_this_run(BUILT_FROM, seed, threads(), config)
+}
+
+/// Commit that this binary was built from, by the build script; `unknown` where that was no checkout.
+const BUILT_FROM: &str = env!("SPARSESPLAT_COMMIT");
+
 /// Threads that work.
 fn threads() -> usize {
     rayon::current_num_threads()

@@ -3,9 +3,10 @@
 use crate::arguments::{Common, Pipeline, Range, positive, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output::{Outputs, named};
 use crate::progress::{Progress, describe};
 use crate::summary::{counts_line, memory_line, print_line, refinement_line, seconds_line};
-use crate::{output, threads};
+use crate::output;
 use clap::Args;
 use evaluate::{
     Choice, PictureLimits, Plan, Reading, Recipe, Report, Step, WindowFigures, peak_rss_bytes,
@@ -111,7 +112,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     seconds.total += seconds.write;
 
     let peak = peak_rss_bytes();
-    let recipe = Recipe::of_this_run(arguments.seed, threads(), &method);
+    let recipe = crate::recipe(arguments.seed, &method);
     if let Some(path) = &arguments.report {
         let mut report = Report::new("SparseSplat reconstruction", "Posed photographs in, 3D Gaussians out.");
         report.headline(&outcome.figures.figures, peak);

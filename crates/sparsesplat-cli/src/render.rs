@@ -2,10 +2,11 @@
 
 use crate::arguments::{Common, size};
 use crate::device::{self, UsedDevice};
-use crate::failure::{OrFail, Outcome};
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::output::Outputs;
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
-use crate::{output, threads};
+use crate::output;
 use clap::Args;
 use evaluate::{
     DepthScale, Picture, Recipe, Rendered, count, peak_rss_bytes, render_ellipsoids, render_view,
@@ -103,7 +104,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&device.line());
     print_line(&format!("pictures   {}", arguments.output.display()));
     if let Some(path) = &common.json {
-        let recipe = Recipe::of_this_run(0, threads(), ());
+        let recipe = crate::recipe(0, ());
         let record = Record { recipe, gaussians: gaussians.len(), views, device, peak_rss_bytes: peak };
         output::write_json(path, &record)?;
     }

@@ -2,9 +2,10 @@
 
 use crate::arguments::{Common, positive, size};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output::Outputs;
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
-use crate::{output, threads};
+use crate::output;
 use clap::{Args, ValueEnum};
 use evaluate::{Recipe, count, peak_rss_bytes};
 use gs_scene::Camera;
@@ -195,7 +196,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&format!("data       {}", arguments.output.display()));
     if let Some(path) = &common.json {
         let settings = jobs.iter().map(|job| (job.seed, job.photographs.clone())).collect::<Vec<_>>();
-        let recipe = Recipe::of_this_run(jobs[0].seed, threads(), settings);
+        let recipe = crate::recipe(jobs[0].seed, settings);
         output::write_json(path, &Record { recipe, scenes: records, peak_rss_bytes: peak_rss_bytes() })?;
     }
     Ok(())

@@ -5,9 +5,10 @@ use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
-use crate::source::{Planned, Source};
+use crate::output::Outputs;
+use crate::source::{Planned, Source, files_of};
 use crate::summary::print_line;
-use crate::{output, threads};
+use crate::output;
 use anyhow::Context;
 use clap::Args;
 use evaluate::tradeoff::{
@@ -102,7 +103,7 @@ impl Sweeping {
             build: if cfg!(debug_assertions) { "development" } else { "release" },
             binary_sha256: hash_of(&[std::env::current_exe().or_work()?])?.concat(),
         };
-        let recipe = Recipe::of_this_run(seeds[0], threads(), settings);
+        let recipe = crate::recipe(seeds[0], settings);
         let header = Header {
             recipe: serde_json::to_value(&recipe).or_work()?,
             shard,

@@ -181,7 +181,7 @@ impl Run<'_> {
             print_line(&format!("resumed    after step {}", trainer.steps()));
         }
         let config = trainer.config().clone();
-        let recipe = Recipe::of_this_run(config.seed, crate::threads(), config.clone());
+        let recipe = crate::recipe(config.seed, config.clone());
         let log_path = self.folder.join("log.jsonl");
         let mut log = Log::open(&log_path, trainer.steps(), &recipe)?;
         let progress = Progress::new(config.steps);
