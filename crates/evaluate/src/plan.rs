@@ -4,7 +4,7 @@ use crate::simulated::{SimulatedScene, description, simulated_window};
 use crate::{Dropped, Error, Result, Window};
 use serde::Serialize;
 use sparsesplat::DepthRange;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 use view_data::{
@@ -269,6 +269,15 @@ impl Plan {
         match &self.source {
             Source::Simulated { .. } => None,
             Source::Photographs(photographs) => Some(&photographs.choice),
+        }
+    }
+
+    /// The files that the window is read from; none where the scene is simulated.
+    #[must_use]
+    pub fn files(&self) -> Vec<PathBuf> {
+        match &self.source {
+            Source::Simulated { .. } => Vec::new(),
+            Source::Photographs(photographs) => photographs.dataset.files(),
         }
     }
 

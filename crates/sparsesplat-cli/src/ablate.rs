@@ -188,7 +188,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
         sets.push(("photographs", plans));
         for unread in &unread {
-            eprintln!("warning: dropped {}: {}", unread.name, unread.reason);
+            warn(&format!("dropped {}: {}", unread.name, unread.reason));
         }
         dropped.extend(unread);
     }

@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use evaluate::{Lpips, Method};
 use refine::Stop;
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Exposure, Head, Sampler};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What every command takes.
 #[derive(Debug, Clone, Args)]
@@ -94,6 +94,11 @@ pub(crate) struct DepthSource {
 }
 
 impl DepthSource {
+    /// The files that are named.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+        self.weights.iter().map(PathBuf::as_path)
+    }
+
     /// The backbone, and the weights of a head if they are given.
     pub(crate) fn resolve(&self) -> Outcome<(Backbone, Option<PathBuf>)> {
         let (mut heads, mut networks) = (Vec::new(), Vec::new());
@@ -145,9 +150,14 @@ pub(crate) struct LpipsWeights {
 }
 
 impl LpipsWeights {
-    /// The files that are given.
+    /// The files that are named.
     pub(crate) fn files(&self) -> &[PathBuf] {
         &self.files
+    }
+
+    /// The same as paths.
+    pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(PathBuf::as_path)
     }
 
     /// LPIPS, where weights are given.

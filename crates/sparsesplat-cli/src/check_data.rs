@@ -63,10 +63,11 @@ struct Settings {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    if let Some(path) = &arguments.report {
-        output::check_file(path)?;
-    }
+    let outputs = Outputs::of(common).with("--report", arguments.report.as_ref()).check()?;
     let found = open_all(&arguments.input, arguments.format).or_input()?;
+    for scene in &found.scenes {
+        outputs.spare(scene.files().iter().map(PathBuf::as_path))?;
+    }
     let settings = CheckSettings { pairs: arguments.pairs, seed: arguments.seed, ..CheckSettings::default() };
     let several = found.scenes.len() > 1;
     let mut reports: Vec<CheckReport> = Vec::with_capacity(found.scenes.len());
@@ -74,9 +75,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         let report = check(scene, &settings)?;
         show(&report);
         if let Some(path) = &arguments.report {
-            let path = if several { named(path, &report.name) } else { path.clone() };
+            let path = if several { of_scene(path, &report.name) } else { path.clone() };
             output::write_text(&path, &layout_html(&report))?;
-            print_line(&format!("report     {}", path.display()));
+            print_line(&format!("report     {}", named(&path)));
         }
         reports.push(report);
     }
@@ -136,7 +137,7 @@ fn show(report: &CheckReport) {
 }
 
 /// `check.html` of the scene `room0` is `check-room0.html`.
-fn named(path: &Path, scene: &str) -> PathBuf {
+fn of_scene(path: &Path, scene: &str) -> PathBuf {
     let part = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
     let scene = scene.replace(['/', '\\'], "_");
     path.with_file_name(format!("{}-{scene}.{}", part(path.file_stem()), part(path.extension())))

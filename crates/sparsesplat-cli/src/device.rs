@@ -2,6 +2,7 @@
 
 use crate::arguments::Device;
 use crate::failure::{Failure, Outcome};
+use crate::summary::warn;
 use gs_raster::gpu::AdapterDescription;
 use gs_raster::{Error, Rasterizer};
 use serde::Serialize;
@@ -21,7 +22,7 @@ pub(crate) fn rasterizer(device: Device) -> Outcome<Rasterizer> {
         _ => Failure::Work(error.into()),
     })?;
     if let Some(error) = rasterizer.fallback().filter(|error| !matches!(error, Error::NoAdapter { .. })) {
-        eprintln!("warning: rendering on the CPU: {}", with_causes(error));
+        warn(&format!("rendering on the CPU: {}", with_causes(error)));
     }
     Ok(rasterizer)
 }

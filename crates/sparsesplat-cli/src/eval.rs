@@ -75,19 +75,22 @@ struct Record<'a, C> {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    if let Some(path) = &arguments.report {
-        output::check_file(path)?;
-    }
-    if let Some(path) = &arguments.refine_plot {
-        output::check_file(path)?;
-        if arguments.pipeline.refine.is_none() && arguments.pipeline.refine_seconds.is_none() {
-            return Err(Failure::input("--refine-plot needs --refine STEPS or --refine-seconds S"));
-        }
+    let outputs = Outputs::of(common)
+        .with("--report", arguments.report.as_ref())
+        .with("--refine-plot", arguments.refine_plot.as_ref())
+        .check()?;
+    if arguments.refine_plot.is_some()
+        && arguments.pipeline.refine.is_none()
+        && arguments.pipeline.refine_seconds.is_none()
+    {
+        return Err(Failure::input("--refine-plot needs --refine STEPS or --refine-seconds S"));
     }
     let seeds = seeds(&arguments.seeds);
     let depth_hint = arguments.pipeline.depth_range == Range::Hint;
     let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint)?;
     let Planned { plans, dropped: unread, reading } = planned;
+    outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
+    outputs.spare(arguments.source.files().chain(arguments.pipeline.source.files()).chain(arguments.lpips.paths()))?;
 
     let cache = arguments.cache.clone().map(|folder| GeometryCache { folder });
     if let Some(cache) = &cache {
@@ -167,11 +170,11 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         report
             .table(&table, "PSNR in dB and SSIM of held-out targets; gain over the nearest photograph in dB");
         output::write_text(path, &report.to_html(&output::to_json(&recipe)?))?;
-        print_line(&format!("report     {}", path.display()));
+        print_line(&format!("report     {}", named(path)));
     }
     if let Some(path) = &arguments.refine_plot {
         output::write_text(path, &refinement_plot(&evaluation.windows))?;
-        print_line(&format!("plot       {}", path.display()));
+        print_line(&format!("plot       {}", named(path)));
     }
     match evaluation.dropped.iter().filter(|dropped| dropped.failed).count() {
         0 => Ok(()),

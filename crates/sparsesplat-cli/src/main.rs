@@ -75,10 +75,10 @@ enum Command {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    match run(&cli) {
+    match run(&cli).and_then(|()| summary::finish()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {failure}");
+            summary::tell(&format!("error: {failure}\n"));
             ExitCode::from(failure.code())
         }
     }
@@ -90,9 +90,7 @@ fn run(cli: &Cli) -> Outcome {
     if let Some(threads) = common.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().or_work()?;
     }
-    if let Some(path) = &common.json {
-        output::check_file(path)?;
-    }
+    output::Outputs::of(common).check()?;
     match &cli.command {
         Command::Demo(arguments) => demo::run(arguments, common),
         Command::Reconstruct(arguments) => reconstruct::run(arguments, common),

@@ -1,5 +1,6 @@
 //! Progress on standard error, where it is a terminal.
 
+use crate::summary::{tell, warn};
 use evaluate::Step;
 use indicatif::{ProgressBar, ProgressStyle};
 use sparsesplat::Stage;
@@ -36,7 +37,7 @@ impl Progress {
 
     /// Something that must not be overlooked, on a line of its own; said without a terminal, too.
     pub(crate) fn warn(&self, what: &str) {
-        self.0.suspend(|| eprintln!("warning: {what}"));
+        self.0.suspend(|| warn(what));
     }
 
     /// What a data set lists and does not use: the first few, and how many more.
@@ -52,7 +53,7 @@ impl Progress {
 
     /// A line of its own that stays.
     pub(crate) fn line(&self, what: &str) {
-        self.0.suspend(|| eprintln!("{what}"));
+        self.0.suspend(|| tell(&format!("{what}\n")));
     }
 
     /// So many steps were done before.

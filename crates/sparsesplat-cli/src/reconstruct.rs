@@ -76,10 +76,10 @@ struct Record<'a, C> {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    output::check_file(&arguments.output)?;
-    if let Some(path) = &arguments.report {
-        output::check_file(path)?;
-    }
+    let outputs = Outputs::of(common)
+        .with("--output", Some(&arguments.output))
+        .with("--report", arguments.report.as_ref())
+        .check()?;
     let depth_hint = arguments.pipeline.depth_range == Range::Hint;
     let reading = Reading { format: arguments.format, size: arguments.size, depth_hint };
     let plan = match (&arguments.index, &arguments.window) {
@@ -87,6 +87,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         _ => Plan::selection(&arguments.input, arguments.views, reading),
     }
     .or_input()?;
+    outputs.spare(plan.files().iter().map(PathBuf::as_path))?;
+    outputs.spare(arguments.index.as_deref().into_iter().chain(arguments.pipeline.source.files()))?;
     let mut method = arguments.pipeline.method(arguments.seed)?;
     method.predict.depth_range = plan.depth_range(method.predict.depth_range);
 
@@ -106,7 +108,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     .map_err(Failure::sorted)?;
     progress.say("writing");
     let begin = Instant::now();
-    gs_scene::write_ply(&arguments.output, &outcome.prediction.gaussians).or_work()?;
+    output::write_scene(&arguments.output, &outcome.prediction.gaussians)?;
     let seconds = &mut outcome.figures.figures.seconds;
     seconds.write = begin.elapsed().as_secs_f64();
     seconds.total += seconds.write;
@@ -147,9 +149,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     if let Some(device) = &device {
         print_line(&device.line());
     }
-    print_line(&format!("scene      {}", arguments.output.display()));
+    print_line(&format!("scene      {}", named(&arguments.output)));
     if let Some(path) = &arguments.report {
-        print_line(&format!("report     {}", path.display()));
+        print_line(&format!("report     {}", named(path)));
     }
     Ok(())
 }

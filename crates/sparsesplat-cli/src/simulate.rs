@@ -157,9 +157,8 @@ struct Job {
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     output::check_folder(arguments.output.parent().unwrap_or(Path::new("")))?;
-    if let Some(path) = &arguments.write_scene {
-        output::check_file(path)?;
-    }
+    let outputs = Outputs::of(common).with("--write-scene", arguments.write_scene.as_ref()).check()?;
+    outputs.spare([&arguments.scene, &arguments.photographs].into_iter().flatten().map(PathBuf::as_path))?;
     let jobs = jobs(arguments)?;
     if let (Some(path), [job]) = (&arguments.write_scene, jobs.as_slice()) {
         let described = Scene { photographs: Some(job.photographs.clone()), ..job.scene.clone() };

@@ -7,7 +7,7 @@ use clap::Args;
 use evaluate::{Dropped, Plan, Reading, SIMULATED_SIZE, SimulatedScene, Windows};
 use scene_sim::Kind;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Where windows come from, and how their pictures are read.
 #[derive(Debug, Clone, Args)]
@@ -49,7 +49,21 @@ pub(crate) fn in_the_wild(seeds: Range<u64>, size: (usize, usize)) -> Vec<Plan> 
         .collect()
 }
 
+/// The files that windows are read from.
+pub(crate) fn files_of(plans: &[Plan]) -> Vec<PathBuf> {
+    // Windows of one scene lie side by side.
+    let mut files: Vec<PathBuf> = plans.iter().flat_map(Plan::files).collect();
+    files.sort_unstable();
+    files.dedup();
+    files
+}
+
 impl Source {
+    /// The files that are named.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+        self.index.as_deref().into_iter()
+    }
+
     /// The windows of a data set; `generated` simulated scenes stand beside that of the demo.
     pub(crate) fn plan(&self, dataset: Dataset, generated: usize, depth_hint: bool) -> Outcome<Planned> {
         let reading = Reading { format: None, size: self.size, depth_hint };

@@ -1,11 +1,48 @@
-//! What commands say on standard output.
+//! What commands say on standard output, or on standard error where a result takes standard output.
 
+use crate::failure::{Failure, Outcome};
 use evaluate::{WindowFigures, count};
-use std::io::Write;
+use std::io::{self, ErrorKind, Write};
+use std::sync::OnceLock;
 
-/// Prints text. A reader that has gone away (`| head`) is no error.
+/// Set where a result takes standard output: what is said then goes to standard error.
+static TAKEN: OnceLock<()> = OnceLock::new();
+/// Why standard output took no more.
+static FAILED: OnceLock<io::Error> = OnceLock::new();
+
+/// From here on, what is said goes to standard error: a result takes standard output.
+pub(crate) fn leave_standard_output() {
+    TAKEN.get_or_init(|| ());
+}
+
+/// Prints text. That it could not be printed is told by [`finish`].
 pub(crate) fn print(text: &str) {
-    let _ = std::io::stdout().write_all(text.as_bytes());
+    if TAKEN.get().is_some() {
+        tell(text);
+    } else if let Err(error) = io::stdout().write_all(text.as_bytes()) {
+        FAILED.get_or_init(|| error);
+    }
+}
+
+/// Prints text on standard error. If that fails, nobody is left to be told.
+pub(crate) fn tell(text: &str) {
+    let _ = io::stderr().write_all(text.as_bytes());
+}
+
+/// Something that must not be overlooked.
+pub(crate) fn warn(what: &str) {
+    tell(&format!("warning: {what}\n"));
+}
+
+/// Whether all that was printed has arrived. A reader that has gone away (`| head`) is no error.
+pub(crate) fn finish() -> Outcome {
+    let flushed = io::stdout().flush();
+    match FAILED.get().or(flushed.as_ref().err()) {
+        Some(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(Failure::work(format!("standard output: cannot write, what was to be said is lost: {error}")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Prints a line.

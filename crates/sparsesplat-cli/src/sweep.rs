@@ -71,6 +71,7 @@ impl Sweeping {
         &self,
         extent: Extent,
         allocations: &[Allocation],
+        outputs: &Outputs,
         common: &Common,
     ) -> Outcome<Option<Swept>> {
         if !self.merge.is_empty() {
@@ -87,6 +88,8 @@ impl Sweeping {
             planned.plans.truncate(QUICK_WINDOWS);
         }
         let Planned { plans, dropped, reading } = planned;
+        outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
+        outputs.spare(self.source.files().chain(self.pipeline.source.files()).chain(self.lpips.paths()))?;
         let seeds = self.seeds(extent);
         let points = self.points(extent, allocations, seeds[0])?;
         let lpips = self.lpips.read()?;

@@ -7,7 +7,7 @@ use crate::failure::{Failure, OrFail, Outcome};
 use crate::output;
 use crate::progress::Progress;
 use crate::source::{in_the_wild, simulated};
-use crate::summary::print_line;
+use crate::summary::{print_line, warn};
 use anyhow::Context;
 use attn_head::Weights;
 use clap::Args;
@@ -295,7 +295,7 @@ impl Data {
         let (plans, dropped) =
             Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
         for dropped in dropped {
-            eprintln!("warning: dropped {}: {}", dropped.name, dropped.reason);
+            warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
         }
         Ok(plans)
     }

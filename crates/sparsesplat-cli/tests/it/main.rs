@@ -12,6 +12,7 @@ mod lpips;
 #[path = "../../../image-metrics/tests/it/recipe.rs"]
 #[allow(dead_code, reason = "also compares files of picture pairs")]
 mod lpips_recipe;
+mod outputs;
 mod paper;
 mod tiny;
 mod tradeoff;
