@@ -179,13 +179,13 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let lpips_network = lpips.as_ref().map(|lpips| lpips.network().name());
     let held_out = 0..arguments.evaluation_scenes as u64;
     arguments.data.keep_unseen(&held_out, "measured")?;
-    let cases = arguments.data.cases(&arguments.data.plans()?)?;
+    let cases = arguments.data.cases(&arguments.data.plans(&common.given)?)?;
     let mut sets = vec![("simulated", simulated(held_out, arguments.evaluation_size))];
     let mut dropped = Vec::new();
     if let Some(root) = &arguments.photographs {
         let reading = Reading { format: None, size: None, depth_hint: true };
         let (plans, unread) =
-            Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
+            Plan::below(root, Windows { views: 6, along: None, index: true }, reading).map_err(Failure::sorted)?;
         sets.push(("photographs", plans));
         for unread in &unread {
             warn(&format!("dropped {}: {}", unread.name, unread.reason));

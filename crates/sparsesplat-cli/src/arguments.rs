@@ -4,10 +4,12 @@ use crate::checkpoints;
 use crate::failure::{Failure, OrFail, Outcome};
 use attn_head::Weights;
 use clap::builder::RangedU64ValueParser;
-use clap::{Args, ValueEnum};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, ValueEnum};
 use evaluate::{Lpips, Method};
 use refine::Stop;
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Exposure, Head, Sampler};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// What every command takes.
@@ -23,6 +25,46 @@ pub(crate) struct Common {
     /// Where to render
     #[arg(long, value_enum, default_value = "auto", global = true)]
     pub(crate) device: Device,
+    /// What the user typed.
+    #[arg(skip)]
+    pub(crate) given: Given,
+}
+
+/// The settings that the user typed, by name: a setting that has no effect on what is asked for is an error, its default is none.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Given(BTreeSet<String>);
+
+impl Given {
+    /// What stands on a command line.
+    pub(crate) fn of(matches: &ArgMatches) -> Self {
+        let mut given = BTreeSet::new();
+        let mut level = Some(matches);
+        while let Some(matches) = level {
+            let typed = |id: &&clap::Id| matches.value_source(id.as_str()) == Some(ValueSource::CommandLine);
+            given.extend(matches.ids().filter(typed).map(|id| id.as_str().replace('_', "-")));
+            level = matches.subcommand().map(|(_, deeper)| deeper);
+        }
+        Self(given)
+    }
+
+    /// Whether a setting, by its long name, was typed.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.0.contains(name)
+    }
+
+    /// Refuses settings that would have no effect.
+    pub(crate) fn refuse(&self, names: &[&str], why: &str) -> Outcome {
+        match names.iter().find(|name| self.has(name)) {
+            Some(name) => Err(Failure::input(format!("--{name} has no effect here: {why}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses all settings but some.
+    pub(crate) fn refuse_all_but(&self, names: &[&str], why: &str) -> Outcome {
+        let others: Vec<&str> = self.0.iter().map(String::as_str).filter(|name| !names.contains(name)).collect();
+        self.refuse(&others, why)
+    }
 }
 
 /// Where to render.
@@ -257,7 +299,8 @@ impl AllocationName {
 
 impl Pipeline {
     /// Photographs to Gaussians, refinement included.
-    pub(crate) fn method(&self, seed: u64) -> Outcome<Method> {
+    pub(crate) fn method(&self, seed: u64, given: &Given) -> Outcome<Method> {
+        self.refuse_without_effect(given)?;
         let stop = match (self.refine, self.refine_seconds) {
             (Some(steps), _) => Some(Stop::Steps(steps)),
             (None, Some(seconds)) => Some(Stop::Seconds(seconds)),
@@ -265,6 +308,28 @@ impl Pipeline {
         };
         let refine = stop.map(|stop| refine::Config { stop, seed, ..refine::Config::default() });
         Ok(Method { refine, ..Method::feed_forward(self.config(seed)?) })
+    }
+
+    /// Refuses settings that the others leave without an effect.
+    fn refuse_without_effect(&self, given: &Given) -> Outcome {
+        match self.allocation {
+            AllocationName::Entropy | AllocationName::Laplacian | AllocationName::Random => {}
+            AllocationName::PixelAligned => given.refuse(
+                &["gaussians", "tau", "sampler"],
+                "--allocation pixel-aligned makes one Gaussian of every pixel",
+            )?,
+            AllocationName::Merged | AllocationName::VoxelAligned => given.refuse(
+                &["tau", "sampler"],
+                "this --allocation draws no pixels; --gaussians COUNT says how many Gaussians are left",
+            )?,
+        }
+        if self.source.backbone == BackboneName::GivenDepth && matches!(self.depth_range, Range::Known(..)) {
+            given.refuse(&["depth-range"], "--backbone given-depth takes the range of the measured depth")?;
+        }
+        if self.head == HeadName::DepthSplat {
+            given.refuse(&["neighbours"], "--head depthsplat looks at no neighbours")?;
+        }
+        Ok(())
     }
 
     /// The forward pass. `Hint` is left as `Estimate` here: only the data set can resolve it.

@@ -57,7 +57,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         ));
     }
     output::check_folder(&arguments.output)?;
-    let method = arguments.pipeline.method(arguments.seed)?;
+    let method = arguments.pipeline.method(arguments.seed, &common.given)?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
     let progress = Progress::new(1);

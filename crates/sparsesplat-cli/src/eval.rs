@@ -87,7 +87,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     let seeds = seeds(&arguments.seeds);
     let depth_hint = arguments.pipeline.depth_range == Range::Hint;
-    let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint)?;
+    let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint, &common.given)?;
     let Planned { plans, dropped: unread, reading } = planned;
     outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
     outputs.spare(arguments.source.files().chain(arguments.pipeline.source.files()).chain(arguments.lpips.paths()))?;
@@ -97,7 +97,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         output::check_folder(&cache.folder)?;
     }
     let method =
-        Method { curve: arguments.refine_plot.is_some(), cache, ..arguments.pipeline.method(seeds[0])? };
+        Method { curve: arguments.refine_plot.is_some(), cache, ..arguments.pipeline.method(seeds[0], &common.given)? };
     let lpips = arguments.lpips.read()?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);

@@ -25,8 +25,8 @@ mod tradeoff;
 mod train;
 mod weights;
 
-use arguments::Common;
-use clap::{Parser, Subcommand};
+use arguments::{Common, Given};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use failure::{Failure, OrFail, Outcome};
 use std::process::ExitCode;
 
@@ -74,7 +74,9 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let matches = Cli::command().get_matches();
+    let mut cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    cli.common.given = Given::of(&matches);
     match run(&cli).and_then(|()| summary::finish()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
@@ -124,7 +126,6 @@ fn threads() -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_well_formed() {

@@ -89,7 +89,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     .or_input()?;
     outputs.spare(plan.files().iter().map(PathBuf::as_path))?;
     outputs.spare(arguments.index.as_deref().into_iter().chain(arguments.pipeline.source.files()))?;
-    let mut method = arguments.pipeline.method(arguments.seed)?;
+    let mut method = arguments.pipeline.method(arguments.seed, &common.given)?;
     method.predict.depth_range = plan.depth_range(method.predict.depth_range);
 
     // Nobody waits for a GPU that has nothing to do.

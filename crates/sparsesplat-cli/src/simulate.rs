@@ -159,6 +159,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     output::check_folder(arguments.output.parent().unwrap_or(Path::new("")))?;
     let outputs = Outputs::of(common).with("--write-scene", arguments.write_scene.as_ref()).check()?;
     outputs.spare([&arguments.scene, &arguments.photographs].into_iter().flatten().map(PathBuf::as_path))?;
+    if arguments.format == FormatName::Replica && arguments.pictures != PictureName::Jpeg {
+        common.given.refuse(&["pictures"], "pictures of the layout replica are JPEG files")?;
+    }
     let jobs = jobs(arguments)?;
     if let (Some(path), [job]) = (&arguments.write_scene, jobs.as_slice()) {
         let described = Scene { photographs: Some(job.photographs.clone()), ..job.scene.clone() };

@@ -1,6 +1,6 @@
 //! A sweep as the command line asks for it: what `tradeoff` and `paper` have in common.
 
-use crate::arguments::{Common, LpipsWeights, Pipeline, Range, scenes, seeds};
+use crate::arguments::{Common, Given, LpipsWeights, Pipeline, Range, scenes, seeds};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
@@ -59,6 +59,8 @@ pub(crate) struct Swept {
     _folder: Option<Folder>,
 }
 
+/// What may be said beside --merge: where the tables go, and what is no setting of the measuring.
+const MERGED: &[&str] = &["merge", "tables", "report", "csv", "markdown", "json", "threads", "device"];
 /// Windows that a quick sweep takes.
 const QUICK_WINDOWS: usize = 2;
 /// Generated scenes of a full sweep.
@@ -75,6 +77,7 @@ impl Sweeping {
         common: &Common,
     ) -> Outcome<Option<Swept>> {
         if !self.merge.is_empty() {
+            common.given.refuse_all_but(MERGED, "--merge measures nothing")?;
             let Shards { header, entries } = Shards::read(&self.merge).or_input()?;
             let summary = Summary::new(&header, &entries);
             let pictures = Pictures::below(&self.merge);
@@ -83,7 +86,7 @@ impl Sweeping {
         let shard = self.shard()?;
         let depth_hint = self.pipeline.depth_range == Range::Hint;
         let scenes = self.scenes.unwrap_or(if extent == Extent::Quick { 0 } else { SCENES });
-        let mut planned = self.source.plan(self.dataset, scenes, depth_hint)?;
+        let mut planned = self.source.plan(self.dataset, scenes, depth_hint, &common.given)?;
         if extent == Extent::Quick {
             planned.plans.truncate(QUICK_WINDOWS);
         }
@@ -91,7 +94,7 @@ impl Sweeping {
         outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
         outputs.spare(self.source.files().chain(self.pipeline.source.files()).chain(self.lpips.paths()))?;
         let seeds = self.seeds(extent);
-        let points = self.points(extent, allocations, seeds[0])?;
+        let points = self.points(extent, allocations, seeds[0], &common.given)?;
         let lpips = self.lpips.read()?;
         let mut rasterizer = device::rasterizer(common.device)?;
         let settings = Settings {
@@ -187,8 +190,8 @@ impl Sweeping {
     }
 
     /// The points that the base leads to.
-    fn points(&self, extent: Extent, allocations: &[Allocation], seed: u64) -> Outcome<Vec<Point>> {
-        let base: Method = self.pipeline.method(seed)?;
+    fn points(&self, extent: Extent, allocations: &[Allocation], seed: u64, given: &Given) -> Outcome<Vec<Point>> {
+        let base: Method = self.pipeline.method(seed, given)?;
         if matches!(base.predict.budget, Budget::Tau(_)) {
             return Err(Failure::input(
                 "a sweep varies the count: --gaussians says the base's, --tau is not taken",

@@ -1,6 +1,6 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, DepthSource, LpipsWeights, positive, scenes, size};
+use crate::arguments::{Common, DepthSource, Given, LpipsWeights, positive, scenes, size};
 use crate::datasets::Dataset;
 use crate::device;
 use crate::failure::{Failure, OrFail, Outcome};
@@ -122,7 +122,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let data = &arguments.data;
     let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
     data.keep_unseen(&held_out, "validated")?;
-    let cases = data.cases(&data.plans()?)?;
+    let cases = data.cases(&data.plans(&common.given)?)?;
     let validation = data.cases(&simulated(held_out, data.size))?;
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
     let rasterizer = device::rasterizer(common.device)?;
@@ -280,7 +280,8 @@ impl Data {
     }
 
     /// The windows that are asked for.
-    pub(crate) fn plans(&self) -> Outcome<Vec<Plan>> {
+    pub(crate) fn plans(&self, given: &Given) -> Outcome<Vec<Plan>> {
+        self.dataset.refuse_without_effect(given)?;
         if self.dataset == Dataset::Simulated {
             let [clean, wild] = self.seeds();
             let mut plans = simulated(clean, self.size);
@@ -293,7 +294,7 @@ impl Data {
         };
         let reading = Reading { format: self.dataset.format(root), size: Some(self.size), depth_hint: false };
         let (plans, dropped) =
-            Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
+            Plan::below(root, Windows { views: 6, along: None, index: true }, reading).map_err(Failure::sorted)?;
         for dropped in dropped {
             warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
         }
