@@ -1,17 +1,19 @@
 //! What a frozen backbone says of views, kept on disk: an evaluation and a training of the same views ask it once.
 
 use crate::hash::of_views;
-use crate::{Error, Result};
-use gs_scene::{DepthMap, FeatureMap, Gaussians, View, write_atomically};
+use crate::{Error, Kept, KeptFault, KeptTensor, Result, singles, write_kept};
+use gs_scene::{DepthMap, FeatureMap, Gaussians, View};
 use half::f16;
-use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use sparsesplat::{Config, ViewGeometry, Wanted, backbone_identity, geometry};
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Changes when the layout of a file or what a backbone computes does.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
+
+/// What the files are.
+const KIND: &str = "geometry";
 
 /// A folder of files, each what one backbone with its settings says of the context views of one window.
 ///
@@ -30,8 +32,6 @@ struct Header {
     /// Schema of the features; empty without.
     schema: String,
 }
-
-type Tensors = Vec<(String, Dtype, Vec<usize>, Vec<u8>)>;
 
 impl GeometryCache {
     /// As [`sparsesplat::geometry`], from the file of these views if there is one. `name` is what the file's name begins with.
@@ -68,7 +68,7 @@ impl GeometryCache {
 fn write(path: &Path, all: &[ViewGeometry], depth_range: (f64, f64)) -> Result<()> {
     let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
     let mut schema = String::new();
-    let mut tensors = Tensors::new();
+    let mut tensors: Vec<KeptTensor> = Vec::new();
     for (i, view) in all.iter().enumerate() {
         let shape = vec![view.depth.height(), view.depth.width()];
         tensors.push((format!("{i}.depth"), Dtype::F32, shape.clone(), bytes(view.depth.data())));
@@ -87,75 +87,53 @@ fn write(path: &Path, all: &[ViewGeometry], depth_range: (f64, f64)) -> Result<(
             tensors.push((format!("{i}.sh"), Dtype::F32, shape, bytes(set.sh())));
         }
     }
-    let broken = |problem: String| Error::CacheFile { path: path.to_path_buf(), problem };
-    let views = tensors
-        .iter()
-        .map(|(name, dtype, shape, data)| {
-            Ok((
-                name.as_str(),
-                TensorView::new(*dtype, shape.clone(), data).map_err(|e| broken(e.to_string()))?,
-            ))
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let header = serde_json::to_string(&Header { depth_range, schema }).map_err(|e| broken(e.to_string()))?;
-    let bytes = serialize(views, Some(HashMap::from([("geometry".to_owned(), header)])))
-        .map_err(|e| broken(e.to_string()))?;
-    Ok(write_atomically(path, |out| out.write_all(&bytes))?)
+    let header = Header { depth_range, schema };
+    write_kept(path, KIND, &header, &tensors)
+        .map_err(|source| Error::CacheFile { path: path.to_path_buf(), source })
 }
 
 fn read(path: &Path, views: &[View]) -> Result<(Vec<ViewGeometry>, (f64, f64))> {
-    let broken = |problem: String| Error::CacheFile { path: path.to_path_buf(), problem };
-    let bytes = std::fs::read(path).map_err(|e| broken(e.to_string()))?;
-    parse(&bytes, views).map_err(broken)
+    let read = || {
+        let (header, kept): (Header, Kept) = Kept::read(path, KIND)?;
+        let all = views.iter().enumerate().map(|(i, view)| view_of(&kept, &header, i, view));
+        Ok((all.collect::<std::result::Result<_, KeptFault>>()?, header.depth_range))
+    };
+    read().map_err(|source| Error::CacheFile { path: path.to_path_buf(), source })
 }
 
-fn parse(bytes: &[u8], views: &[View]) -> std::result::Result<(Vec<ViewGeometry>, (f64, f64)), String> {
-    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
-    let header = metadata.metadata().as_ref().and_then(|m| m.get("geometry")).ok_or("no header")?;
-    let header: Header = serde_json::from_str(header).map_err(|e| e.to_string())?;
-    let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
-    // Values of a tensor of this type and number of axes, and its shape; none where there is no such tensor.
-    let tensor = |name: &str, dtype: Dtype, axes: usize| match tensors.tensor(name) {
-        Err(_) => Ok(None),
-        Ok(found) if found.dtype() == dtype && found.shape().len() == axes => {
-            Ok(Some((found.data().to_vec(), found.shape().to_vec())))
+/// What the file says of a view.
+fn view_of(
+    kept: &Kept,
+    header: &Header,
+    i: usize,
+    view: &View,
+) -> std::result::Result<ViewGeometry, KeptFault> {
+    let (width, height) = (view.image().width(), view.image().height());
+    let map = |name: String| Ok::<_, KeptFault>(singles(kept.expect(&name, Dtype::F32, &[height, width])?));
+    let depth = DepthMap::new(width, height, map(format!("{i}.depth"))?).map_err(KeptFault::Scene)?;
+    let confidence = map(format!("{i}.confidence"))?;
+    let features = match kept.tensor(&format!("{i}.features"), Dtype::F16, 3)? {
+        None => None,
+        Some((shape, data)) => {
+            let values = data.as_chunks::<2>().0.iter().map(|&v| f16::from_le_bytes(v).to_f32()).collect();
+            let map = FeatureMap::new(shape[0], shape[2], shape[1], values).map_err(KeptFault::Scene)?;
+            Some(map.with_schema(header.schema.clone()))
         }
-        Ok(found) => Err(format!("{name}: {:?} {:?}", found.dtype(), found.shape())),
     };
-    let singles = |bytes: &[u8]| -> Vec<f32> {
-        bytes.as_chunks::<4>().0.iter().map(|&v| f32::from_le_bytes(v)).collect()
+    let rows = kept.tensor(&format!("{i}.gaussians"), Dtype::F32, 2)?;
+    let sh = kept.tensor(&format!("{i}.sh"), Dtype::F32, 3)?;
+    let gaussians = match (rows, sh) {
+        (Some((_, rows)), Some((shape, sh))) => {
+            let degree = (0..=3).find(|d| (d + 1) * (d + 1) == shape[1]).ok_or_else(|| KeptFault::Tensor {
+                name: format!("{i}.sh"),
+                found: format!("{shape:?}"),
+                expected: "1, 4, 9 or 16 coefficients".to_owned(),
+            })?;
+            Some(Gaussians::new(degree, singles(rows), singles(sh)).map_err(KeptFault::Scene)?)
+        }
+        _ => None,
     };
-    let one = |(i, view): (usize, &View)| {
-        let (width, height) = (view.image().width(), view.image().height());
-        let map = |name: String| match tensor(&name, Dtype::F32, 2)? {
-            Some((data, shape)) if shape == [height, width] => Ok(singles(&data)),
-            _ => Err(format!("{name}: not there, or of another size than {width}x{height}")),
-        };
-        let depth = DepthMap::new(width, height, map(format!("{i}.depth"))?).map_err(|e| e.to_string())?;
-        let confidence = map(format!("{i}.confidence"))?;
-        let features = match tensor(&format!("{i}.features"), Dtype::F16, 3)? {
-            None => None,
-            Some((data, shape)) => {
-                let values =
-                    data.as_chunks::<2>().0.iter().map(|&v| f16::from_le_bytes(v).to_f32()).collect();
-                let map = FeatureMap::new(shape[0], shape[2], shape[1], values).map_err(|e| e.to_string())?;
-                Some(map.with_schema(header.schema.clone()))
-            }
-        };
-        let sets =
-            (tensor(&format!("{i}.gaussians"), Dtype::F32, 2)?, tensor(&format!("{i}.sh"), Dtype::F32, 3)?);
-        let gaussians = match sets {
-            (Some((rows, _)), Some((sh, shape))) => {
-                let degree =
-                    (0..=3).find(|d| (d + 1) * (d + 1) == shape[1]).ok_or(format!("{i}.sh: {shape:?}"))?;
-                Some(Gaussians::new(degree, singles(&rows), singles(&sh)).map_err(|e| e.to_string())?)
-            }
-            _ => None,
-        };
-        Ok(ViewGeometry { depth, confidence, features, gaussians })
-    };
-    let all = views.iter().enumerate().map(one).collect::<std::result::Result<_, String>>()?;
-    Ok((all, header.depth_range))
+    Ok(ViewGeometry { depth, confidence, features, gaussians })
 }
 
 #[cfg(test)]
@@ -211,7 +189,11 @@ mod tests {
         let path = cache.path("room", &views, &config, Wanted::Depth).unwrap();
         cache.geometry("room", &views, &config, Wanted::Depth).unwrap();
         let whole = std::fs::read(&path).unwrap();
-        for bytes in [&whole[..whole.len() / 2], &whole[..4], b"", b"nonsense that is longer than a header"] {
+        let mut garbled = whole.clone();
+        garbled[whole.len() - 5] ^= 1;
+        for bytes in
+            [&garbled, &whole[..whole.len() / 2], &whole[..4], b"", b"nonsense that is longer than a header"]
+        {
             std::fs::write(&path, bytes).unwrap();
             let error = cache.geometry("room", &views, &config, Wanted::Depth).unwrap_err();
             assert!(matches!(&error, Error::CacheFile { path: named, .. } if *named == path), "{error}");

@@ -22,7 +22,7 @@ pub enum Error {
     Head(#[from] attn_head::Error),
     /// A closed form that cannot be rendered for the head's feedback.
     #[error(
-        "rendering the closed form into {view}, for the head's feedback: {source}; or take the closed-form head"
+        "the closed form cannot be rendered into {view} for the feedback of the learned head (the closed-form head needs none)"
     )]
     Feedback {
         /// Name of the view.

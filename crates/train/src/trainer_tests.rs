@@ -155,7 +155,7 @@ fn a_run_that_is_resumed_ends_with_the_same_weights() {
     assert!(matches!(other.resume(&checkpoint), Err(Error::OtherRun { what: "configuration", .. })));
     let bytes = std::fs::read(&checkpoint).unwrap();
     std::fs::write(&checkpoint, &bytes[..bytes.len() / 2]).unwrap();
-    assert!(matches!(other.resume(&checkpoint), Err(Error::Broken { .. })));
+    assert!(matches!(other.resume(&checkpoint), Err(Error::Checkpoint { .. })));
 }
 
 #[test]

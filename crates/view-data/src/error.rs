@@ -283,7 +283,7 @@ pub enum Error {
     /// Views that go together have different sizes.
     #[error(
         "views have different sizes: {first} is {first_width}x{first_height}, {second} is \
-         {second_width}x{second_height}; pass --size WxH to bring all to one size"
+         {second_width}x{second_height}; ask for one size, to which all are scaled and cropped"
     )]
     MixedSizes {
         /// Name of the first view.
@@ -322,7 +322,7 @@ pub enum Error {
     #[error("0 views asked for, expected at least 1")]
     NoViews,
     /// More views asked for than there are frames.
-    #[error("{wanted} views asked for, but there are only {frames} frames; lower --views")]
+    #[error("{wanted} views asked for, but there are only {frames} frames; ask for fewer")]
     TooFewFrames {
         /// Views asked for.
         wanted: usize,
@@ -332,7 +332,8 @@ pub enum Error {
     /// Too few frames see the same part of the scene.
     #[error(
         "{wanted} views asked for, but at most {connected} frames are connected (each shares half of its content \
-         with another); try --views {connected}, or take photographs with more overlap"
+         with another); {}take photographs with more overlap",
+        if *connected < 2 { String::new() } else { format!("ask for at most {connected}, or ") }
     )]
     Disconnected {
         /// Views asked for.

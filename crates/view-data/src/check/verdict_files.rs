@@ -65,7 +65,7 @@ pub(crate) fn judge_pictures(
     if summary.sizes.len() > 1 {
         let sizes = summary.sizes.iter().map(|s| format!("{} of {}x{}", s.frames, s.width, s.height));
         let text = format!(
-            "pictures have {} sizes: {}; pass --size WxH to bring all to one size",
+            "pictures have {} sizes: {}; ask for one size, to which all are scaled and cropped",
             summary.sizes.len(),
             listed(sizes)
         );
