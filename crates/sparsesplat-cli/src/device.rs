@@ -1,6 +1,7 @@
 //! What pictures are rendered on.
 
 use crate::arguments::Device;
+use crate::driver;
 use crate::failure::{Failure, Outcome};
 use crate::summary::warn;
 use gs_raster::gpu::AdapterDescription;
@@ -16,7 +17,7 @@ pub(crate) fn rasterizer(device: Device) -> Outcome<Rasterizer> {
         Device::Gpu => gs_raster::Device::Gpu,
         Device::Cpu => gs_raster::Device::Cpu,
     };
-    let rasterizer = Rasterizer::new(choice).map_err(|error| match error {
+    let rasterizer = driver::quietly(|| Rasterizer::new(choice)).map_err(|error| match error {
         // A GPU was asked for where there is none.
         Error::NoAdapter { .. } => Failure::Input(error.into()),
         _ => Failure::Work(error.into()),

@@ -10,6 +10,7 @@ mod datasets;
 mod demo;
 mod device;
 mod doctor;
+mod driver;
 mod eval;
 mod failure;
 mod output;
