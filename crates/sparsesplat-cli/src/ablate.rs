@@ -174,6 +174,11 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let wanted = arguments.wanted()?;
     let mut base = config(arguments.config.as_deref())?;
     base.steps = arguments.steps.unwrap_or(base.steps);
+    if base.steps == 0 {
+        return Err(Failure::input(
+            "the settings say steps: 0, and heads that were not trained do not compare: give --steps N",
+        ));
+    }
     output::check_folder(&arguments.output)?;
     let lpips = arguments.lpips.read()?;
     let lpips_network = lpips.as_ref().map(|lpips| lpips.network().name());

@@ -2,16 +2,16 @@
 
 use crate::arguments::{Common, DepthSource, Given, LpipsWeights, positive, scenes, size};
 use crate::datasets::Dataset;
-use crate::device;
+use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
-use crate::output;
+use crate::output::{self, Outputs};
 use crate::progress::Progress;
-use crate::source::{in_the_wild, simulated};
+use crate::source::{files_of, in_the_wild, simulated};
 use crate::summary::{print_line, warn};
 use anyhow::Context;
 use attn_head::Weights;
 use clap::Args;
-use evaluate::{Picture, Plan, Reading, Recipe, Windows, training_plot};
+use evaluate::{Picture, Plan, Reading, Recipe, Windows, peak_rss_bytes, training_plot};
 use gs_scene::Image;
 use serde::Serialize;
 use std::fs;
@@ -111,21 +111,46 @@ struct Validation {
     validation: Vec<Score>,
 }
 
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record<C> {
+    recipe: Recipe<C>,
+    /// Steps of the whole run, and those of them that were skipped.
+    steps: usize,
+    skipped: usize,
+    /// Of this process.
+    seconds: f64,
+    windows: usize,
+    data_sha256: String,
+    weights: PathBuf,
+    /// Of the run's last validation; none if there was none.
+    validation: Option<serde_json::Value>,
+    device: UsedDevice,
+    peak_rss_bytes: Option<u64>,
+}
+
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let config = config(arguments.config.as_deref())?;
     if arguments.print_config {
         print_line(&ron::ser::to_string_pretty(&config, ron::ser::PrettyConfig::default()).or_work()?);
         return Ok(());
     }
+    let named = arguments.config.iter().chain(&arguments.from).map(PathBuf::as_path);
+    let outputs = Outputs::of(common);
+    outputs.spare(named.chain(arguments.lpips.paths()).chain(arguments.data.source.files()))?;
     let folder = arguments.output.as_deref().unwrap_or(Path::new("."));
     output::check_folder(folder)?;
     let data = &arguments.data;
     let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
     data.keep_unseen(&held_out, "validated")?;
-    let cases = data.cases(&data.plans(&common.given)?)?;
+    let plans = data.plans(&common.given)?;
+    outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
+    let cases = data.cases(&plans)?;
     let validation = data.cases(&simulated(held_out, data.size))?;
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
+    let (windows, data_sha256) = (cases.len(), cases.sha256().to_owned());
     let rasterizer = device::rasterizer(common.device)?;
+    let device = UsedDevice::of(&rasterizer);
     let mut trainer = Trainer::new(config, cases, rasterizer).or_work()?;
     if let Some(lpips) = arguments.lpips.read()? {
         trainer = trainer.with_lpips(lpips);
@@ -142,6 +167,21 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let begin = Instant::now();
     run.complete(&mut trainer)?;
     let (steps, skipped, seconds) = (trainer.steps(), trainer.skipped(), begin.elapsed().as_secs_f64());
+    if let Some(path) = &common.json {
+        let record = Record {
+            recipe: crate::recipe(trainer.config().seed, trainer.config()),
+            steps,
+            skipped,
+            seconds,
+            windows,
+            data_sha256,
+            weights: run.weights(),
+            validation: last_validation(&run.log())?,
+            device,
+            peak_rss_bytes: peak_rss_bytes(),
+        };
+        output::write_json(path, &record)?;
+    }
     print_line(&format!("trained    {steps} steps, {skipped} skipped, {seconds:.0} s"));
     print_line(&format!("weights    {}", run.weights().display()));
     Ok(())
@@ -160,6 +200,10 @@ impl Run<'_> {
     /// The weights.
     pub(crate) fn weights(&self) -> PathBuf {
         self.folder.join("weights.safetensors")
+    }
+
+    fn log(&self) -> PathBuf {
+        self.folder.join("log.jsonl")
     }
 
     fn checkpoint(&self) -> PathBuf {
@@ -182,8 +226,7 @@ impl Run<'_> {
         }
         let config = trainer.config().clone();
         let recipe = crate::recipe(config.seed, config.clone());
-        let log_path = self.folder.join("log.jsonl");
-        let mut log = Log::open(&log_path, trainer.steps(), &recipe)?;
+        let mut log = Log::open(&self.log(), trainer.steps(), &recipe)?;
         let progress = Progress::new(config.steps);
         progress.set(trainer.steps());
         let (mut psnr, mut loss) = (f64::NAN, f64::NAN);
@@ -311,6 +354,20 @@ pub(crate) fn config(path: Option<&Path>) -> Outcome<Config> {
     options.from_str(&text).with_context(|| path.display().to_string()).or_input()
 }
 
+/// The scores of the last validation in a log.
+fn last_validation(log: &Path) -> Outcome<Option<serde_json::Value>> {
+    let mut lines = lines_of(log)?;
+    let last = lines.iter_mut().rev().find_map(|line| line.get_mut("validation"));
+    Ok(last.map(serde_json::Value::take))
+}
+
+/// The lines of a log.
+fn lines_of(path: &Path) -> Outcome<Vec<serde_json::Value>> {
+    let text =
+        fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_work()?;
+    text.lines().map(serde_json::from_str).collect::<Result<_, _>>().or_work()
+}
+
 /// Scores at all densities; pictures at the first: photograph, head and closed form, one row per scene.
 fn validate(trainer: &Trainer, cases: &Cases, folder: &Path) -> Outcome<Vec<Score>> {
     let mut rows: Vec<(String, Image)> = Vec::new();
@@ -380,11 +437,7 @@ impl Log {
 
     /// What is logged so far as a plot.
     fn curve(&self) -> Outcome<String> {
-        let text = fs::read_to_string(&self.1)
-            .with_context(|| format!("{}: cannot read", self.1.display()))
-            .or_work()?;
-        let lines: Vec<serde_json::Value> =
-            text.lines().map(serde_json::from_str).collect::<Result<_, _>>().or_work()?;
+        let lines = lines_of(&self.1)?;
         let number =
             |value: &serde_json::Value, key: &str| value.get(key).and_then(serde_json::Value::as_f64);
         let steps = lines.iter().filter_map(|line| Some((number(line, "step")?, number(line, "loss")?)));
