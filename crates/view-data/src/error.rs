@@ -41,8 +41,18 @@ pub enum Error {
         /// Each format and the files by which it is recognised.
         looked_for: Vec<String>,
     },
+    /// Pictures without poses, or what pictures could be made of.
+    #[error("{}: {found}; poses were looked for in {}", path.display(), looked_for.join("; "))]
+    NoPoses {
+        /// The file or folder.
+        path: PathBuf,
+        /// What lies there.
+        found: crate::Unposed,
+        /// Each format and the files by which it is recognised.
+        looked_for: Vec<String>,
+    },
     /// Several scenes, or none that can be read, where one is asked for.
-    #[error("{}: expected one scene, found {}", path.display(), scenes(names, dropped))]
+    #[error("{}: expected one scene, found {}; give the folder of one", path.display(), scenes(names, dropped))]
     NotOneScene {
         /// The file or folder.
         path: PathBuf,

@@ -48,7 +48,7 @@ pub use error::{Error, FormatRule, Place, PoseRule, Result, TransformsRule};
 pub use gs_scene::{Distortion, Lens, LensModel};
 pub use index::{EvaluationIndex, IndexRule, Window, read_index, write_index};
 pub use nerfstudio::open_nerfstudio;
-pub use open::{Scenes, open, open_all};
+pub use open::{Scenes, Unposed, open, open_all};
 pub use points::{Observation, ScenePoint};
 pub use re10k::{Re10kRule, list_re10k, open_re10k};
 pub use replica::open_replica;

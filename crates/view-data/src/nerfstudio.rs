@@ -58,7 +58,7 @@ const CAMERA_KEYS: [&str; 18] = [
 /// Metres per count of a depth file, unless `depth_unit_scale_factor` says otherwise: millimetres.
 const DEFAULT_DEPTH_UNIT: f64 = 0.001;
 
-/// Opens a data set in nerfstudio's layout: `path` is a `transforms.json` or the folder that holds one.
+/// Opens a data set in nerfstudio's layout: `path` is a `transforms.json` or the folder that holds one, or `transforms_train.json`.
 ///
 /// Reads the JSON, and of the pictures no more than their headers, those only where the file gives no `w` and `h`.
 /// Frames keep the file's order, and poses the file's world (see [`Dataset::applied_transform`]).
@@ -66,8 +66,25 @@ const DEFAULT_DEPTH_UNIT: f64 = 0.001;
 /// # Errors
 /// If the file cannot be read or breaks a rule of the format; the message names file, frame and rule.
 pub fn open_nerfstudio(path: &Path) -> Result<Dataset> {
-    let file = if path.is_dir() { path.join("transforms.json") } else { path.to_path_buf() };
-    open_file(file, None)
+    let file = if path.is_dir() { file_in(path) } else { path.to_path_buf() };
+    let mut dataset = open_file(file, None)?;
+    // Blender's sets come in parts, of which the first is for what views are reconstructed from.
+    if dataset.file.file_name().is_some_and(|name| name == PARTS[0]) {
+        for part in PARTS[1..].iter().filter(|part| dataset.root.join(part).is_file()) {
+            dataset.dropped.push(Dropped::new(*part, "not read: give this file to use its frames"));
+        }
+    }
+    Ok(dataset)
+}
+
+/// Files of a set that comes in parts.
+const PARTS: [&str; 3] = ["transforms_train.json", "transforms_val.json", "transforms_test.json"];
+
+/// The file of a folder.
+pub(crate) fn file_in(folder: &Path) -> PathBuf {
+    let names = ["transforms.json", PARTS[0]].map(|name| folder.join(name));
+    let [whole, part] = names;
+    if !whole.is_file() && part.is_file() { part } else { whole }
 }
 
 /// As [`open_nerfstudio`], but every picture is looked for in one folder, by its name alone.

@@ -96,7 +96,7 @@ fn files_that_are_not_what_they_should_be() {
     check(
         |tiny| fs::remove_file(tiny.path("transforms.json")).unwrap(),
         &[],
-        &["tiny", "no data set found", "transforms.json"],
+        &["tiny", "11 pictures", "poses", "colmap", "transforms.json"],
     );
     check(|tiny| fs::remove_dir_all(tiny.root()).unwrap(), &[], &["tiny", "cannot read"]);
     check(|_| {}, &["--backbone", "given-depth"], &["no measured depth", "view-"]);
