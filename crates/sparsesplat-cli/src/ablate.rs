@@ -209,9 +209,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             let allocation = serde_json::to_value(config.allocation).or_work()?;
             let name = format!("{}-{}-k{}-seed{seed}", text(&head), text(&allocation), config.neighbours);
             let folder = arguments.output.join(name);
-            output::check_folder(&folder)?;
+            let run = Run::begin(&folder, SAVE_EVERY, true)?;
             print_line(&format!("training   {} (seed {seed}), {} steps", row.name, config.steps));
-            let run = Run { folder: &folder, validation: None, save_every: SAVE_EVERY, resume: true };
             let mut trainer =
                 Trainer::new(config.clone(), cases.clone(), device::rasterizer(common.device)?).or_work()?;
             run.complete(&mut trainer)?;

@@ -11,7 +11,7 @@ use crate::summary::{print_line, warn};
 use anyhow::Context;
 use attn_head::Weights;
 use clap::Args;
-use evaluate::{Picture, Plan, Reading, Recipe, Windows, peak_rss_bytes, training_plot};
+use evaluate::{Picture, Plan, Reading, Recipe, Windows, lock_file, peak_rss_bytes, training_plot};
 use gs_scene::Image;
 use serde::Serialize;
 use std::fs;
@@ -139,10 +139,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let outputs = Outputs::of(common);
     outputs.spare(named.chain(arguments.lpips.paths()).chain(arguments.data.source.files()))?;
     let folder = arguments.output.as_deref().unwrap_or(Path::new("."));
-    output::check_folder(folder)?;
     let data = &arguments.data;
     let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
     data.keep_unseen(&held_out, "validated")?;
+    let mut run = Run::begin(folder, arguments.save_every, arguments.resume)?;
     let plans = data.plans(&common.given)?;
     outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
     let cases = data.cases(&plans)?;
@@ -158,12 +158,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let earlier =
         arguments.from.iter().map(|path| Ok((path.display().to_string(), Weights::read(path).or_input()?)));
     trainer.start_from(&earlier.collect::<Outcome<Vec<_>>>()?).or_input()?;
-    let run = Run {
-        folder,
-        validation: Some((&validation, arguments.validate_every)),
-        save_every: arguments.save_every,
-        resume: arguments.resume,
-    };
+    run.validation = Some((&validation, arguments.validate_every));
     let begin = Instant::now();
     run.complete(&mut trainer)?;
     let (steps, skipped, seconds) = (trainer.steps(), trainer.skipped(), begin.elapsed().as_secs_f64());
@@ -189,14 +184,37 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
 /// Where a run keeps its files, and how often it looks up.
 pub(crate) struct Run<'a> {
-    pub(crate) folder: &'a Path,
+    folder: &'a Path,
     /// Held-out windows, and the steps between two looks at them.
-    pub(crate) validation: Option<(&'a Cases, usize)>,
-    pub(crate) save_every: usize,
-    pub(crate) resume: bool,
+    validation: Option<(&'a Cases, usize)>,
+    save_every: usize,
+    /// Keeps other processes out of the folder.
+    _lock: fs::File,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    /// Takes a folder, which is made, for this process alone. A run that is there already is gone on with only if that is wanted.
+    pub(crate) fn begin(folder: &'a Path, save_every: usize, resume: bool) -> Outcome<Self> {
+        output::check_folder(folder)?;
+        let path = folder.join("run.lock");
+        let lock = lock_file(&path).with_context(|| format!("{}: cannot lock", path.display())).or_work()?;
+        let Some(lock) = lock else {
+            return Err(Failure::input(format!(
+                "{}: another process is training in this folder: let it finish, or give another folder",
+                folder.display()
+            )));
+        };
+        let run = Self { folder, validation: None, save_every, _lock: lock };
+        let checkpoint = run.checkpoint();
+        if !resume && checkpoint.exists() {
+            return Err(Failure::input(format!(
+                "{}: a run is there already: --resume goes on with it, another --output begins anew",
+                checkpoint.display()
+            )));
+        }
+        Ok(run)
+    }
+
     /// The weights.
     pub(crate) fn weights(&self) -> PathBuf {
         self.folder.join("weights.safetensors")
@@ -215,12 +233,6 @@ impl Run<'_> {
         let checkpoint = self.checkpoint();
         let begun = checkpoint.exists();
         if begun {
-            if !self.resume {
-                let checkpoint = checkpoint.display();
-                return Err(Failure::input(format!(
-                    "{checkpoint}: a run is there already: --resume goes on with it, another --output begins anew"
-                )));
-            }
             trainer.resume(&checkpoint).or_input()?;
             print_line(&format!("resumed    after step {}", trainer.steps()));
         }
@@ -348,10 +360,13 @@ impl Data {
 /// Settings from a file; what it leaves out is as in the default.
 pub(crate) fn config(path: Option<&Path>) -> Outcome<Config> {
     let Some(path) = path else { return Ok(Config::default()) };
+    let named = || path.display().to_string();
     let text =
         fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_input()?;
     let options = ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
-    options.from_str(&text).with_context(|| path.display().to_string()).or_input()
+    let config: Config = options.from_str(&text).with_context(named).or_input()?;
+    config.check().with_context(named).or_input()?;
+    Ok(config)
 }
 
 /// The scores of the last validation in a log.

@@ -70,7 +70,11 @@ impl Default for Config {
 }
 
 impl Config {
-    pub(crate) fn check(&self) -> Result<()> {
+    /// Whether every setting is within its range; [`Trainer::new`](crate::Trainer::new) asks as well.
+    ///
+    /// # Errors
+    /// If one is not.
+    pub fn check(&self) -> Result<()> {
         let refuse = |setting, found: String, expected| Err(Error::Setting { setting, found, expected });
         let [low, high] = self.density;
         if !(low > 0.0 && low <= high && high <= 1.0) {
@@ -104,6 +108,8 @@ impl Config {
         if !(0.0..=1.0).contains(&self.keep_direction) {
             return refuse("keep_direction", self.keep_direction.to_string(), "a share from 0 to 1");
         }
+        // Of the features, which the backbone decides, any number will do here.
+        attn_head::Config { kind: self.head, geometry: 1, image: 1, neighbours: self.neighbours }.check()?;
         let Rates { learning_rate, last, clip, .. } = self.rates;
         if !(learning_rate > 0.0
             && learning_rate < 1.0

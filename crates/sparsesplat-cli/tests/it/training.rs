@@ -99,6 +99,23 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
     let Called { code, stderr, .. } = train(&["--first-seed", "490", "--wild-scenes", "10"]);
     assert!(code == Some(2) && stderr.contains("490 to 500"), "{stderr}");
 
+    // Wrong settings are told before a window is prepared, with the file and exit code 2.
+    let prepared = fs::read_dir(&cache).unwrap().count();
+    for (settings, part) in [("density: (0.5, 0.1)", "density"), ("neighbours: 1000000", "neighbours")] {
+        fs::write(&config, format!("({settings})")).unwrap();
+        let Called { code, stderr, .. } = train(&["-o", text(&at("other")), "--first-seed", "2000"]);
+        assert!(code == Some(2) && stderr.contains("short.ron") && stderr.contains(part), "{stderr}");
+    }
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), prepared);
+
+    // Another process in the folder.
+    fs::write(&config, "(steps: 3)").unwrap();
+    let lock = evaluate::lock_file(&run.join("run.lock")).unwrap();
+    assert!(lock.is_some());
+    let Called { code, stderr, .. } = train(&["--resume"]);
+    assert!(code == Some(2) && stderr.contains("another process"), "{stderr}");
+    drop(lock);
+
     let weights = run.join("weights.safetensors");
     let json = at("eval.json");
     let eval = |weights: &Path| {
