@@ -282,6 +282,15 @@ impl Plan {
         }
     }
 
+    /// What was subtracted from all positions, because the scene lies far from the origin of its world, scene units.
+    #[must_use]
+    pub fn offset(&self) -> Option<[f64; 3]> {
+        match &self.source {
+            Source::Simulated { .. } => None,
+            Source::Photographs(photographs) => photographs.dataset.offset.map(Into::into),
+        }
+    }
+
     /// What the files of the data set list and the data set does not use, and why.
     #[must_use]
     pub fn ledger(&self) -> &[view_data::Dropped] {

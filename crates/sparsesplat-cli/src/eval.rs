@@ -110,7 +110,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         // Once for all windows of a scene.
         let scene = plan.name().rsplit_once('/').map_or(plan.name(), |(scene, _)| scene);
         if told != scene {
-            progress.warn_of_ledger(scene, plan.ledger());
+            progress.warn_of_data(scene, plan);
         }
         told = scene;
     }

@@ -40,8 +40,19 @@ impl Progress {
         self.0.suspend(|| warn(what));
     }
 
+    /// What a user should know of a scene's data: what they list and is not used, and in which frame the result is.
+    pub(crate) fn warn_of_data(&self, scene: &str, plan: &evaluate::Plan) {
+        if let Some([x, y, z]) = plan.offset() {
+            self.warn(&format!(
+                "{scene}: lies far from the origin, where the 32-bit numbers of a PLY file are too coarse: ({x}, {y}, {z}) was subtracted \
+                 from all positions; add it to those of the scene to bring them back into the world of the data"
+            ));
+        }
+        self.warn_of_ledger(scene, plan.ledger());
+    }
+
     /// What a data set lists and does not use: the first few, and how many more.
-    pub(crate) fn warn_of_ledger(&self, scene: &str, ledger: &[view_data::Dropped]) {
+    fn warn_of_ledger(&self, scene: &str, ledger: &[view_data::Dropped]) {
         const SHOWN: usize = 5;
         for entry in ledger.iter().take(SHOWN) {
             self.warn(&format!("{scene}: not used: {}: {}", entry.key, entry.reason));

@@ -68,6 +68,8 @@ struct Record<'a, C> {
     name: &'a str,
     views: usize,
     choice: Option<&'a Choice>,
+    /// What was subtracted from the positions of the data; the scene lacks it.
+    offset: Option<[f64; 3]>,
     #[serde(flatten)]
     figures: &'a WindowFigures,
     /// None if nothing was rendered.
@@ -97,7 +99,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut rasterizer = if renders { device::rasterizer(common.device)? } else { Rasterizer::cpu() };
     let device = renders.then(|| UsedDevice::of(&rasterizer));
     let progress = Progress::new(1);
-    progress.warn_of_ledger(plan.name(), plan.ledger());
+    progress.warn_of_data(plan.name(), &plan);
     progress.say(describe(Step::Load));
     let window = plan.load(arguments.report.is_some()).or_input()?;
     let mut on_step = |step| progress.say(describe(step));
@@ -127,6 +129,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             name: &window.name,
             views: window.context.len(),
             choice: plan.choice(),
+            offset: plan.offset(),
             figures: &outcome.figures,
             device: device.as_ref(),
             peak_rss_bytes: peak,

@@ -5,7 +5,7 @@ use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::output::Outputs;
 use crate::progress::Progress;
-use crate::summary::{memory_line, print_line};
+use crate::summary::{memory_line, print_line, warn};
 use crate::output;
 use clap::Args;
 use evaluate::{
@@ -68,6 +68,12 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let gaussians = gs_scene::read_ply(&arguments.scene).or_input()?;
     let dataset = view_data::open(&arguments.cameras, None).or_input()?;
     let cameras = cameras(arguments, &dataset)?;
+    if let Some(offset) = dataset.offset {
+        warn(&format!(
+            "{}: lies far from the origin: ({}, {}, {}) was subtracted from all positions, as it is when scenes are made of these data",
+            dataset.name, offset.x, offset.y, offset.z
+        ));
+    }
     let pictures = pictures(arguments, &cameras)?;
     let files = dataset.files();
     pictures

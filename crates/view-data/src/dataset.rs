@@ -35,6 +35,9 @@ pub struct Dataset {
     pub applied_transform: Option<DAffine3>,
     /// The scale that the poses contain beside it (`applied_scale`).
     pub applied_scale: Option<f64>,
+    /// What was subtracted from all positions, cameras and points alike, where the scene lies far from the origin of its world: adding
+    /// it gives the positions of the files. Set by [`open`](crate::open) and [`open_all`](crate::open_all) alone.
+    pub offset: Option<DVec3>,
     /// Where the points of the scene are, if the layout has some; [`Dataset::points`] reads them.
     pub(crate) points: Option<PointSource>,
 }
@@ -270,6 +273,7 @@ impl Dataset {
             dropped: Vec::new(),
             depth_percentiles: None,
             applied_transform: None,
+            offset: None,
             applied_scale: None,
             points: None,
         }

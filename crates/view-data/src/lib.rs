@@ -14,6 +14,7 @@ mod colmap;
 mod dl3dv;
 mod nerfstudio;
 mod open;
+mod origin;
 mod ply;
 mod re10k;
 mod replica;

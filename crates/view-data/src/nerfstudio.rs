@@ -141,6 +141,7 @@ fn open_file(file: PathBuf, picture_folder: Option<&Path>) -> Result<Dataset> {
         name: folder_name(&root),
         depth_percentiles: depth_percentiles(&shared)?,
         applied_transform: shared.matrix("applied_transform")?,
+        offset: None,
         applied_scale: shared.number("applied_scale")?,
         format: Format::Nerfstudio,
         url: None,

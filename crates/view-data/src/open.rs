@@ -70,6 +70,12 @@ pub fn open_all(root: &Path, format: Option<Format>) -> Result<Scenes> {
 }
 
 fn open_as(path: &Path, format: Format) -> Result<Scenes> {
+    let mut found = read_as(path, format)?;
+    found.scenes = found.scenes.into_iter().map(Dataset::near_origin).collect();
+    Ok(found)
+}
+
+fn read_as(path: &Path, format: Format) -> Result<Scenes> {
     let one = |scene: Result<Dataset>| Ok(Scenes { scenes: vec![scene?], dropped: Vec::new() });
     match format {
         Format::Nerfstudio => one(open_nerfstudio(path)),

@@ -103,7 +103,7 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
     let prepared = fs::read_dir(&cache).unwrap().count();
     for (settings, part) in [("density: (0.5, 0.1)", "density"), ("neighbours: 1000000", "neighbours")] {
         fs::write(&config, format!("({settings})")).unwrap();
-        let Called { code, stderr, .. } = train(&["-o", text(&at("other")), "--first-seed", "2000"]);
+        let Called { code, stderr, .. } = train(&["--first-seed", "2000"]);
         assert!(code == Some(2) && stderr.contains("short.ron") && stderr.contains(part), "{stderr}");
     }
     assert_eq!(fs::read_dir(&cache).unwrap().count(), prepared);

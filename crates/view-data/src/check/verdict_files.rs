@@ -168,6 +168,18 @@ fn judge_look(read: &[(&Frame, &Scan)], summary: &PictureSummary, findings: &mut
     }
 }
 
+/// Coordinates too large for what scenes are stored in.
+pub(crate) fn judge_offset(dataset: &Dataset, findings: &mut Vec<Finding>) {
+    if let Some(offset) = dataset.offset {
+        let text = format!(
+            "positions are far from the origin: ({}, {}, {}) is subtracted from all when they are read, as scenes are stored as 32-bit \
+             numbers",
+            offset.x, offset.y, offset.z
+        );
+        findings.push(finding(Severity::Note, dataset.file.display().to_string(), "far-from-origin", text));
+    }
+}
+
 /// What the reader could not use; missing pictures are named with the pictures.
 pub(crate) fn judge_ledger(dataset: &Dataset, findings: &mut Vec<Finding>) {
     let missing = |key: &str| dataset.frames.iter().any(|f| f.name == key && f.image.is_missing());
