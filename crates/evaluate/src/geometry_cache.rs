@@ -124,11 +124,12 @@ fn view_of(
     let sh = kept.tensor(&format!("{i}.sh"), Dtype::F32, 3)?;
     let gaussians = match (rows, sh) {
         (Some((_, rows)), Some((shape, sh))) => {
-            let degree = (0..=3).find(|d| (d + 1) * (d + 1) == shape[1]).ok_or_else(|| KeptFault::Tensor {
-                name: format!("{i}.sh"),
-                found: format!("{shape:?}"),
-                expected: "1, 4, 9 or 16 coefficients".to_owned(),
-            })?;
+            let degree =
+                (0..=3).find(|d| (d + 1) * (d + 1) == shape[1]).ok_or_else(|| KeptFault::Tensor {
+                    name: format!("{i}.sh"),
+                    found: format!("{shape:?}"),
+                    expected: "1, 4, 9 or 16 coefficients".to_owned(),
+                })?;
             Some(Gaussians::new(degree, singles(rows), singles(sh)).map_err(KeptFault::Scene)?)
         }
         _ => None,

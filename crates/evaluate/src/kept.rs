@@ -87,7 +87,8 @@ pub fn write_kept(
     let header = serde_json::to_string(header)?;
     let mut sorted: Vec<&KeptTensor> = tensors.iter().collect();
     sorted.sort_by(|a, b| a.0.cmp(&b.0));
-    let parts = sorted.iter().map(|(name, dtype, shape, data)| (name.as_str(), *dtype, &shape[..], &data[..]));
+    let parts =
+        sorted.iter().map(|(name, dtype, shape, data)| (name.as_str(), *dtype, &shape[..], &data[..]));
     let sealed = Sealed { crc32: checksum(&header, parts), header };
     let views = tensors
         .iter()
@@ -98,10 +99,7 @@ pub fn write_kept(
     Ok(write_atomically(path, |out| out.write_all(&bytes))?)
 }
 
-fn checksum<'a>(
-    header: &str,
-    sorted: impl Iterator<Item = (&'a str, Dtype, &'a [usize], &'a [u8])>,
-) -> u32 {
+fn checksum<'a>(header: &str, sorted: impl Iterator<Item = (&'a str, Dtype, &'a [usize], &'a [u8])>) -> u32 {
     let mut sum = Hasher::new();
     sum.update(header.as_bytes());
     for (name, dtype, shape, data) in sorted {

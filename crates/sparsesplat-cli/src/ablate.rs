@@ -189,8 +189,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut dropped = Vec::new();
     if let Some(root) = &arguments.photographs {
         let reading = Reading { format: None, size: None, depth_hint: true };
-        let (plans, unread) =
-            Plan::below(root, Windows { views: 6, along: None, index: true }, reading).map_err(Failure::sorted)?;
+        let (plans, unread) = Plan::below(root, Windows { views: 6, along: None, index: true }, reading)
+            .map_err(Failure::sorted)?;
         sets.push(("photographs", plans));
         for unread in &unread {
             warn(&format!("dropped {}: {}", unread.name, unread.reason));

@@ -62,7 +62,8 @@ impl Given {
 
     /// Refuses all settings but some.
     pub(crate) fn refuse_all_but(&self, names: &[&str], why: &str) -> Outcome {
-        let others: Vec<&str> = self.0.iter().map(String::as_str).filter(|name| !names.contains(name)).collect();
+        let others: Vec<&str> =
+            self.0.iter().map(String::as_str).filter(|name| !names.contains(name)).collect();
         self.refuse(&others, why)
     }
 }

@@ -2,10 +2,10 @@
 
 use crate::arguments::{Common, positive};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
 use crate::output::{Outputs, named};
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
-use crate::output;
 use clap::Args;
 use evaluate::{Dropped, Recipe, peak_rss_bytes};
 use serde::Serialize;

@@ -3,9 +3,9 @@
 use crate::arguments::{Common, Pipeline, Range, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
 use crate::progress::{Progress, describe};
 use crate::summary::{counts_line, memory_line, print, print_line, refinement_line, seconds_line};
-use crate::output;
 use clap::Args;
 use evaluate::{
     Picture, PictureLimits, Recipe, Report, SIMULATED_SIZE, SimulatedScene, WindowRow, figures_table, means,

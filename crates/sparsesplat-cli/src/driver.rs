@@ -50,7 +50,13 @@ mod tests {
             assert!(said.unwrap().success());
         };
         if std::env::var_os(CHILD).is_some() {
-            assert_eq!(quietly(|| { say("chatter"); 7 }), 7);
+            assert_eq!(
+                quietly(|| {
+                    say("chatter");
+                    7
+                }),
+                7
+            );
             let panicked = std::panic::catch_unwind(|| quietly(|| panic!("of a driver")));
             assert!(panicked.is_err());
             say("afterwards");

@@ -4,11 +4,11 @@ use crate::arguments::{Common, LpipsWeights, Pipeline, Range, scenes, seeds};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
-use crate::progress::{Progress, describe};
+use crate::output;
 use crate::output::{Outputs, named};
+use crate::progress::{Progress, describe};
 use crate::source::{Planned, Source, files_of};
 use crate::summary::{print, print_line};
-use crate::output;
 use clap::Args;
 use evaluate::{
     Evaluation, Event, GeometryCache, Method, PictureLimits, Reading, Recipe, Report, evaluate,
@@ -90,14 +90,19 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint, &common.given)?;
     let Planned { plans, dropped: unread, reading } = planned;
     outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
-    outputs.spare(arguments.source.files().chain(arguments.pipeline.source.files()).chain(arguments.lpips.paths()))?;
+    outputs.spare(
+        arguments.source.files().chain(arguments.pipeline.source.files()).chain(arguments.lpips.paths()),
+    )?;
 
     let cache = arguments.cache.clone().map(|folder| GeometryCache { folder });
     if let Some(cache) = &cache {
         output::check_folder(&cache.folder)?;
     }
-    let method =
-        Method { curve: arguments.refine_plot.is_some(), cache, ..arguments.pipeline.method(seeds[0], &common.given)? };
+    let method = Method {
+        curve: arguments.refine_plot.is_some(),
+        cache,
+        ..arguments.pipeline.method(seeds[0], &common.given)?
+    };
     let lpips = arguments.lpips.read()?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);

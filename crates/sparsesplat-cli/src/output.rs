@@ -82,7 +82,8 @@ impl Place {
     fn of(path: &Path) -> Self {
         const NAMES: [&str; 3] = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"];
         let steps = links(path);
-        if path == Path::new("-") || steps.iter().any(|step| NAMES.iter().any(|name| step == Path::new(name))) {
+        if path == Path::new("-") || steps.iter().any(|step| NAMES.iter().any(|name| step == Path::new(name)))
+        {
             return Self::StandardOutput;
         }
         #[cfg(unix)]

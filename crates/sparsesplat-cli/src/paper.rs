@@ -77,7 +77,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let tables: Vec<PaperTable> = arguments.tables.iter().map(|name| name.table()).collect();
     let compares = tables.iter().any(|table| table.compares_allocations());
     let allocations = if compares { AllocationName::all() } else { Vec::new() };
-    let Some(swept) = arguments.sweeping.run(Extent::Paper, &allocations, &outputs, common)? else { return Ok(()) };
+    let Some(swept) = arguments.sweeping.run(Extent::Paper, &allocations, &outputs, common)? else {
+        return Ok(());
+    };
     let summary = &swept.summary;
     let tables: Vec<Comparison> = tables.into_iter().map(|table| Comparison::new(table, summary)).collect();
     for table in &tables {

@@ -3,10 +3,10 @@
 use crate::arguments::{Common, Pipeline, Range, positive, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
 use crate::output::{Outputs, named};
 use crate::progress::{Progress, describe};
 use crate::summary::{counts_line, memory_line, print_line, refinement_line, seconds_line};
-use crate::output;
 use clap::Args;
 use evaluate::{
     Choice, PictureLimits, Plan, Reading, Recipe, Report, Step, WindowFigures, peak_rss_bytes,

@@ -3,10 +3,10 @@
 use crate::arguments::{Common, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
 use crate::output::Outputs;
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line, warn};
-use crate::output;
 use clap::Args;
 use evaluate::{
     DepthScale, Picture, Recipe, Rendered, count, peak_rss_bytes, render_ellipsoids, render_view,

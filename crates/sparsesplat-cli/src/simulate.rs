@@ -2,10 +2,10 @@
 
 use crate::arguments::{Common, positive, size};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
 use crate::output::Outputs;
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
-use crate::output;
 use clap::{Args, ValueEnum};
 use evaluate::{Recipe, count, peak_rss_bytes};
 use gs_scene::Camera;

@@ -4,11 +4,11 @@ use crate::arguments::{Common, Given, LpipsWeights, Pipeline, Range, scenes, see
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
-use crate::progress::{Progress, describe};
+use crate::output;
 use crate::output::Outputs;
+use crate::progress::{Progress, describe};
 use crate::source::{Planned, Source, files_of};
 use crate::summary::print_line;
-use crate::output;
 use anyhow::Context;
 use clap::Args;
 use evaluate::tradeoff::{
@@ -190,7 +190,13 @@ impl Sweeping {
     }
 
     /// The points that the base leads to.
-    fn points(&self, extent: Extent, allocations: &[Allocation], seed: u64, given: &Given) -> Outcome<Vec<Point>> {
+    fn points(
+        &self,
+        extent: Extent,
+        allocations: &[Allocation],
+        seed: u64,
+        given: &Given,
+    ) -> Outcome<Vec<Point>> {
         let base: Method = self.pipeline.method(seed, given)?;
         if matches!(base.predict.budget, Budget::Tau(_)) {
             return Err(Failure::input(

@@ -348,8 +348,8 @@ impl Data {
             return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
         };
         let reading = Reading { format: self.dataset.format(root), size: Some(self.size), depth_hint: false };
-        let (plans, dropped) =
-            Plan::below(root, Windows { views: 6, along: None, index: true }, reading).map_err(Failure::sorted)?;
+        let (plans, dropped) = Plan::below(root, Windows { views: 6, along: None, index: true }, reading)
+            .map_err(Failure::sorted)?;
         for dropped in dropped {
             warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
         }

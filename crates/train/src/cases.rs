@@ -2,9 +2,7 @@
 //! training less.
 
 use crate::{Error, Result};
-use evaluate::{
-    GeometryCache, Kept, KeptFault, KeptTensor, Plan, Window, hexadecimal, singles, write_kept,
-};
+use evaluate::{GeometryCache, Kept, KeptFault, KeptTensor, Plan, Window, hexadecimal, singles, write_kept};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, DepthMap, Image, Intrinsics, View};
 use safetensors::tensor::Dtype;
@@ -204,7 +202,8 @@ impl Views {
         let read = || {
             let (header, kept): (Header, Kept) = Kept::read(path, KIND)?;
             let views = |kind: &str, posed: &[Posed]| {
-                let all = posed.iter().enumerate().map(|(i, posed)| posed.view(&kept, &format!("{kind}.{i}")));
+                let all =
+                    posed.iter().enumerate().map(|(i, posed)| posed.view(&kept, &format!("{kind}.{i}")));
                 all.collect::<std::result::Result<Vec<View>, KeptFault>>()
             };
             let (context, targets) = (views("context", &header.context)?, views("targets", &header.targets)?);
@@ -222,9 +221,7 @@ impl Posed {
         let image = Image::from_rgb8(width, height, bytes).map_err(KeptFault::Scene)?;
         let camera = Camera::new(self.lens, self.rotation, self.translation).map_err(KeptFault::Scene)?;
         let depth = match kept.tensor(&format!("{name}.depth"), Dtype::F32, 2)? {
-            Some((_, bytes)) => {
-                Some(DepthMap::new(width, height, singles(bytes)).map_err(KeptFault::Scene)?)
-            }
+            Some((_, bytes)) => Some(DepthMap::new(width, height, singles(bytes)).map_err(KeptFault::Scene)?),
             None => None,
         };
         View::new(self.name.clone(), image, camera, depth).map_err(KeptFault::Scene)

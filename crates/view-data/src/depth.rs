@@ -39,8 +39,7 @@ pub(crate) fn size(path: &Path) -> Result<(usize, usize)> {
     let source = ImageSource::File(path.to_path_buf());
     let name = || path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut first = [0; 4];
-    let file =
-        std::fs::File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut first));
+    let file = crate::files::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut first));
     if file.is_ok() && first == EXR {
         let meta = MetaData::read_from_file(path, false);
         let meta = meta.map_err(|source| Error::Exr { path: path.to_path_buf(), source })?;

@@ -177,11 +177,16 @@ pub enum Error {
         #[source]
         source: image::ImageError,
     },
-    /// A JPEG file without its end marker; a decoder would fill the rest with grey.
-    #[error("{image}: JPEG file is truncated (it has no end-of-image marker)")]
-    TruncatedJpeg {
+    /// A JPEG file that is cut short or garbled; a decoder would go on with grey or nonsense.
+    #[error(
+        "{image}: JPEG file is damaged; restore it from a copy, or remove the frame from the data set's list"
+    )]
+    DamagedJpeg {
         /// The file, or the part of one.
         image: ImageSource,
+        /// How that is known.
+        #[source]
+        source: crate::JpegRule,
     },
     /// A picture that lies partly beyond the end of the file that should hold it.
     #[error(

@@ -24,6 +24,7 @@ mod trajectory;
 mod tum;
 
 mod depth;
+mod jpeg;
 mod load;
 mod picture;
 mod stream;
@@ -48,6 +49,7 @@ pub use dl3dv::{Dl3dvRule, list_dl3dv, open_dl3dv};
 pub use error::{Error, FormatRule, Place, PoseRule, Result, TransformsRule};
 pub use gs_scene::{Distortion, Lens, LensModel};
 pub use index::{EvaluationIndex, IndexRule, Window, read_index, write_index};
+pub use jpeg::JpegRule;
 pub use nerfstudio::open_nerfstudio;
 pub use open::{Scenes, Unposed, open, open_all};
 pub use points::{Observation, ScenePoint};

@@ -93,7 +93,7 @@ pub(crate) fn open_with_pictures_in(file: &Path, folder: &Path) -> Result<Datase
 }
 
 fn open_file(file: PathBuf, picture_folder: Option<&Path>) -> Result<Dataset> {
-    let text = std::fs::read(&file).map_err(|source| Error::Read { path: file.clone(), source })?;
+    let text = crate::files::read(&file).map_err(|source| Error::Read { path: file.clone(), source })?;
     let json = keys::parse(&text).map_err(|source| Error::Json { path: file.clone(), source })?;
     let root = match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),

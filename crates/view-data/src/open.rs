@@ -26,7 +26,9 @@ pub fn open(path: &Path, format: Option<Format>) -> Result<Dataset> {
     let mut scenes = match recognised(path, format) {
         Ok(format) => open_as(path, format)?,
         // A folder around scenes: one is what is meant, of several the error has the names.
-        Err(error @ (Error::NoLayout { .. } | Error::NoPoses { .. })) if path.is_dir() => open_all(path, format).map_err(|_| error)?,
+        Err(error @ (Error::NoLayout { .. } | Error::NoPoses { .. })) if path.is_dir() => {
+            open_all(path, format).map_err(|_| error)?
+        }
         Err(error) => return Err(error),
     };
     if scenes.scenes.len() == 1 {
@@ -185,7 +187,9 @@ impl std::fmt::Display for Unposed {
         const COLMAP: &str = "put the pictures into SCENE/images, run `colmap automatic_reconstructor --workspace_path SCENE \
                               --image_path SCENE/images --single_camera 1 --dense 0`, and give SCENE";
         match self {
-            Self::Photographs(1) => f.write_str("a picture, expected several with the poses of their cameras"),
+            Self::Photographs(1) => {
+                f.write_str("a picture, expected several with the poses of their cameras")
+            }
             Self::Photographs(n) => write!(
                 f,
                 "{n} pictures without the poses of their cameras, which are needed and which COLMAP can estimate: {COLMAP}"

@@ -4,8 +4,8 @@ use super::breakdown::breakdown;
 use super::front::pareto_front;
 use super::summary::{Row, Summary};
 use crate::chart::{
-    Area, COLOURS, Chart, Counts, Drawn, Names, SIZE, Seconds, axes, beside, chart_on, legend, line, marks, range,
-    style, svg,
+    Area, COLOURS, Chart, Counts, Drawn, Names, SIZE, Seconds, axes, beside, chart_on, legend, line, marks,
+    range, style, svg,
 };
 use crate::labels::place;
 use plotters::coord::ranged1d::Ranged;

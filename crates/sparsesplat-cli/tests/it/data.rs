@@ -133,7 +133,8 @@ fn a_scene_far_from_the_origin_is_as_good_as_one_near_it() {
     let (root, json) = (tiny.root(), tiny.beside("eval.json"));
     let [root, json_path] = [&root, &json].map(|path| path.to_str().unwrap());
     let psnr = || {
-        let eval = ["eval", "--dataset", "nerfstudio", "--root", root, "--gaussians", "2k", "--device", "cpu"];
+        let eval =
+            ["eval", "--dataset", "nerfstudio", "--root", root, "--gaussians", "2k", "--device", "cpu"];
         let more = ["--depth-range", "hint", "--head", "closed-form", "--json", json_path];
         let called = call(&[&eval[..], &more].concat()).succeeded();
         (read_json(&json)["mean"]["psnr_all"].as_f64().unwrap(), called.stderr)

@@ -112,7 +112,9 @@ fn pictures_do_not_take_the_place_of_photographs_or_of_each_other() {
 fn a_full_standard_output_is_an_error_and_a_reader_that_goes_away_is_none() {
     let tiny = Tiny::new();
     let root = tiny.root();
-    for arguments in [&["train", "--print-config"][..], &["check-data", root.to_str().unwrap(), "--pairs", "1"]] {
+    for arguments in
+        [&["train", "--print-config"][..], &["check-data", root.to_str().unwrap(), "--pairs", "1"]]
+    {
         let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
         let called = Command::new(env!("CARGO_BIN_EXE_sparsesplat"))
             .args(arguments)

@@ -63,13 +63,15 @@ fn a_number_of_views_counts_for_more_than_an_index_that_lies_there() {
     let context = |more: &[&str]| {
         let [root, json] = [&root, &json].map(|path| path.to_str().unwrap());
         let shared = ["eval", "--dataset", "nerfstudio", "--root", root, "--json", json];
-        let rest = ["--gaussians", "500", "--depth-range", "hint", "--head", "closed-form", "--device", "cpu"];
+        let rest =
+            ["--gaussians", "500", "--depth-range", "hint", "--head", "closed-form", "--device", "cpu"];
         call(&[&shared[..], &rest, more].concat()).succeeded();
         read_json(Path::new(json))["windows"][0]["context"].as_array().unwrap().len()
     };
     assert_eq!(context(&[]), 6);
     assert_eq!(context(&["--views", "4"]), 4);
-    fs::write(tiny.path("evaluation_index.json"), r#"{"tiny/0": {"context": [0, 2], "target": [1]}}"#).unwrap();
+    fs::write(tiny.path("evaluation_index.json"), r#"{"tiny/0": {"context": [0, 2], "target": [1]}}"#)
+        .unwrap();
     assert_eq!(context(&[]), 2);
     assert_eq!(context(&["--windows", "1"]), 6);
 }

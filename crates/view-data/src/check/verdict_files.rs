@@ -90,7 +90,8 @@ pub(crate) fn judge_pictures(
 
 fn broken_rule(error: &Error) -> &'static str {
     match error {
-        Error::TruncatedJpeg { .. } => "picture-truncated",
+        Error::DamagedJpeg { source: crate::JpegRule::NoEnd, .. } => "picture-truncated",
+        Error::DamagedJpeg { .. } => "picture-damaged",
         Error::Aspect { .. } => "picture-aspect",
         Error::TooLarge { .. } => "picture-too-large",
         _ => "picture-broken",

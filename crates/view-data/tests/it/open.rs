@@ -104,7 +104,10 @@ fn a_folder_around_one_scene_is_that_scene_and_around_several_names_them() {
     assert_eq!(open(&folder.root().join("around"), None).unwrap().name, "fox");
     std::fs::write(folder.path("around/owl/transforms.json"), three_frames().to_string()).unwrap();
     let message = open(&folder.root().join("around"), None).unwrap_err().to_string();
-    assert!(message.contains("expected one scene, found 2: fox, owl") && message.contains("give"), "{message}");
+    assert!(
+        message.contains("expected one scene, found 2: fox, owl") && message.contains("give"),
+        "{message}"
+    );
 }
 
 #[test]
