@@ -6,6 +6,7 @@ mod camera;
 mod gaussians;
 mod image;
 mod lens;
+mod lock;
 mod maps;
 mod ply;
 mod view;
@@ -19,6 +20,7 @@ pub use gaussians::{
 };
 pub use image::Image;
 pub use lens::{Distortion, Lens, LensModel, MAX_ASPECT_DEVIATION};
+pub use lock::lock_file;
 pub use maps::{DepthMap, FeatureMap};
 pub use ply::{encode_ply, read_ply, write_ply};
 pub use view::View;

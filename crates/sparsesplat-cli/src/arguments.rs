@@ -20,7 +20,7 @@ pub(crate) struct Common {
     #[arg(long, value_name = "PATH", global = true)]
     pub(crate) json: Option<PathBuf>,
     /// Threads that work [default: one per core]
-    #[arg(long, value_name = "N", value_parser = positive, global = true)]
+    #[arg(long, value_name = "N", value_parser = threads, global = true)]
     pub(crate) threads: Option<usize>,
     /// Where to render
     #[arg(long, value_enum, default_value = "auto", global = true)]
@@ -113,10 +113,16 @@ pub(crate) struct Pipeline {
     #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20)]
     pub(crate) neighbours: usize,
     /// After the forward pass, so many gradient steps on the photographs (60 are a good start)
-    #[arg(long, value_name = "STEPS", help_heading = "Refinement", conflicts_with = "refine_seconds")]
+    #[arg(
+        long,
+        value_name = "STEPS",
+        help_heading = "Refinement",
+        conflicts_with = "refine_seconds",
+        allow_negative_numbers = true
+    )]
     pub(crate) refine: Option<usize>,
     /// Or as many as fit into this time
-    #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement")]
+    #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement", allow_negative_numbers = true)]
     pub(crate) refine_seconds: Option<f64>,
 }
 
@@ -128,7 +134,7 @@ pub(crate) struct DepthSource {
     #[arg(long, value_enum, default_value = "plane-sweep")]
     pub(crate) backbone: BackboneName,
     /// Planes of the stereo between the near and the far end of the depth range: fewer are faster [default: 128]
-    #[arg(long, value_name = "N", value_parser = positive)]
+    #[arg(long, value_name = "N", value_parser = planes)]
     pub(crate) depth_planes: Option<usize>,
     /// Weights, which tell themselves what they are of: a head that `train` wrote, instead of the default one; a checkpoint of DepthSplat,
     /// for --backbone depthsplat [default: the one that lies where `doctor` says]; or both
@@ -160,7 +166,7 @@ impl DepthSource {
             (BackboneName::DepthSplat, None) => Backbone::DepthSplat(checkpoints::preferred()?),
             (_, Some(other)) => {
                 let reason = match Weights::read(&other) {
-                    Err(reason) => reason.to_string(),
+                    Err(reason) => format!("{:#}", anyhow::Error::from(reason)),
                     Ok(_) => "it changed while it was read".to_owned(),
                 };
                 return Err(Failure::input(format!(
@@ -389,6 +395,22 @@ pub(crate) fn gaussians(text: &str) -> Result<usize, String> {
 /// A whole number above 0.
 pub(crate) fn positive(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&number| number > 0).ok_or_else(|| "expected a whole number above 0".to_owned())
+}
+
+/// A number of threads: some more than the cores, so that results can be compared, but not so many that starting them takes longer
+/// than the work.
+fn threads(text: &str) -> Result<usize, String> {
+    let most = std::thread::available_parallelism().map_or(1, usize::from).saturating_mul(4).max(64);
+    let threads = positive(text)?;
+    if threads <= most { Ok(threads) } else { Err(format!("expected at most {most} on this machine")) }
+}
+
+/// At least two planes of stereo.
+fn planes(text: &str) -> Result<usize, String> {
+    positive(text)
+        .ok()
+        .filter(|&planes| planes > 1)
+        .ok_or_else(|| "expected a number of planes, 2 or more".to_owned())
 }
 
 /// A number of generated scenes, at least so many.

@@ -36,7 +36,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = CheckSettings::default().pairs)]
     pairs: usize,
     /// Seed of the draws of matching
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
     /// Also write a page: cameras from above and from the side, overlap, findings, pictures. With several scenes the name of the scene
     /// is added to the name

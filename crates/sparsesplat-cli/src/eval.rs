@@ -44,7 +44,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0)]
     scenes: usize,
     /// Seeds of the sampling; with several the table shows mean and spread
-    #[arg(long, value_delimiter = ',', default_value = "0")]
+    #[arg(long, value_delimiter = ',', default_value = "0", allow_negative_numbers = true)]
     seeds: Vec<u64>,
     /// Also write a page with pictures
     #[arg(long, value_name = "PATH")]
@@ -152,6 +152,12 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         true,
     );
     print(&if arguments.markdown { table.to_markdown() } else { table.to_text() });
+    for window in evaluation.windows.iter().filter(|window| window.targets.is_empty()) {
+        print_line(&format!(
+            "{}: - stands where nothing is held out: fewer --views leave photographs to measure on, or an index names some",
+            window.name
+        ));
+    }
     let scenes: Vec<&str> = evaluation.scenes.iter().map(|scene| scene.name.as_str()).collect();
     print_line(&format!("scenes     {}: {}", scenes.len(), scenes.join(", ")));
     print_line(&format!("data       sha256 {}", evaluation.data_sha256));

@@ -6,7 +6,9 @@ use crate::failure::{Failure, OrFail, Outcome};
 use crate::output;
 use crate::output::{Outputs, named};
 use crate::progress::{Progress, describe};
-use crate::summary::{counts_line, memory_line, print_line, refinement_line, seconds_line};
+use crate::summary::{
+    counts_line, held_out_line, memory_line, print_line, refinement_line, seconds_line, shortfall,
+};
 use clap::Args;
 use evaluate::{
     Choice, PictureLimits, Plan, Reading, Recipe, Report, Step, WindowFigures, peak_rss_bytes,
@@ -52,7 +54,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
     /// Seed of the sampling
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
     /// Also measure held-out views (those between the chosen ones, or the window's targets) and write a page with pictures
     #[arg(long, value_name = "PATH")]
@@ -136,6 +138,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         };
         output::write_json(path, &record)?;
     }
+    if let Some(warning) = shortfall(&outcome.figures, &method) {
+        progress.warn(&warning);
+    }
     drop(progress);
 
     let names: Vec<&str> = window.context.iter().map(|view| view.name()).collect();
@@ -144,8 +149,13 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         print_line(&format!("coverage   {:.0} % of the frames are left uncovered", 100.0 * uncovered));
     }
     print_line(&counts_line(&outcome.figures));
-    if let Some(line) = refinement_line(&outcome.figures) {
+    for line in [refinement_line(&outcome.figures), held_out_line(&outcome.figures)].into_iter().flatten() {
         print_line(&line);
+    }
+    if arguments.report.is_some() && window.targets.is_empty() {
+        print_line(
+            "held out   nothing is measured: no photographs lie between the chosen ones; fewer --views leave some",
+        );
     }
     print_line(&seconds_line(&outcome.figures));
     print_line(&memory_line(peak));

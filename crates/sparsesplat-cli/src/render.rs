@@ -50,6 +50,8 @@ pub(crate) struct Arguments {
 struct Record {
     recipe: Recipe<()>,
     gaussians: usize,
+    /// Gaussians that cannot be drawn: their stored numbers are not finite, or overflow.
+    rejected: usize,
     views: Vec<ViewRecord>,
     device: UsedDevice,
     peak_rss_bytes: Option<u64>,
@@ -113,6 +115,14 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         views.push(ViewRecord { name: name.clone(), width, height, seconds: *seconds, files });
     }
     drop(progress);
+    let rejected = rendered.iter().map(|(view, _)| view.rejected).max().unwrap_or(0);
+    if rejected > 0 {
+        warn(&format!(
+            "{}: {rejected} of {} Gaussians cannot be drawn: their stored numbers are not finite, or overflow",
+            arguments.scene.display(),
+            gaussians.len()
+        ));
+    }
     let peak = peak_rss_bytes();
     let total: f64 = rendered.iter().map(|(_, seconds)| seconds).sum();
     print_line(&format!("{} views of {} Gaussians", views.len(), count(gaussians.len() as f64)));
@@ -122,7 +132,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&format!("pictures   {}", arguments.output.display()));
     if let Some(path) = &common.json {
         let recipe = crate::recipe(0, ());
-        let record = Record { recipe, gaussians: gaussians.len(), views, device, peak_rss_bytes: peak };
+        let record =
+            Record { recipe, gaussians: gaussians.len(), rejected, views, device, peak_rss_bytes: peak };
         output::write_json(path, &record)?;
     }
     Ok(())

@@ -36,7 +36,7 @@ pub(crate) struct Arguments {
     #[arg(required_unless_present = "seed")]
     scene: Option<PathBuf>,
     /// Seed of all that is random in the pictures [default: 0]; without SCENE, of a generated scene too
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Kind of the generated scene [default: any]
     #[arg(long, value_enum, requires = "seed", conflicts_with = "scene")]

@@ -33,7 +33,7 @@ pub(crate) struct Sweeping {
     #[arg(long, value_name = "N", value_parser = scenes(0))]
     scenes: Option<usize>,
     /// Seeds of the sampling; with several there is a spread. What no seed changes is measured once [default: 0,1,2, with --quick 0]
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_delimiter = ',', allow_negative_numbers = true)]
     seeds: Vec<u64>,
     /// Keep finished points and their pictures in this folder, and go on there
     #[arg(short, long, value_name = "DIR")]

@@ -69,6 +69,9 @@ impl Default for Config {
     }
 }
 
+/// Most windows per step: more make a step that takes hours.
+const LARGEST_BATCH: usize = 1000;
+
 impl Config {
     /// Whether every setting is within its range; [`Trainer::new`](crate::Trainer::new) asks as well.
     ///
@@ -94,6 +97,13 @@ impl Config {
             let expected =
                 "one that decides before the head: merging comes after it, trained is what is merged";
             return refuse("allocation", "merged".to_owned(), expected);
+        }
+        if self.batch > LARGEST_BATCH {
+            return refuse(
+                "batch",
+                self.batch.to_string(),
+                "at most 1000 windows per step, which come one after the other",
+            );
         }
         if self.batch == 0 || (self.targets, self.contexts) == (0, 0) {
             let found = format!("batch {}, {} targets, {} contexts", self.batch, self.targets, self.contexts);

@@ -129,7 +129,14 @@ impl Dropped {
 
     /// The entry of a frame without picture.
     pub(crate) fn missing_picture(frame: &Frame) -> Self {
-        Self::new(frame.name.clone(), format!("picture missing: {}", frame.image))
+        // A folder that may not be looked into hides its files, which then are not missing.
+        let reason = match std::fs::metadata(frame.image.path()) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                format!("picture cannot be read: {}: {error}", frame.image)
+            }
+            _ => format!("picture missing: {}", frame.image),
+        };
+        Self::new(frame.name.clone(), reason)
     }
 }
 

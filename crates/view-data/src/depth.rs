@@ -22,6 +22,10 @@ pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<Counts> {
     if bytes.starts_with(&EXR) {
         return exr_depth::read(&bytes, path);
     }
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
+        let found = "a file that does not begin as EXR files do".to_owned();
+        return Err(Error::DepthFormat { path: path.to_path_buf(), found });
+    }
     match picture::decode(&source, &bytes)? {
         DynamicImage::ImageLuma16(depth) => {
             let (width, height) = (depth.width() as usize, depth.height() as usize);

@@ -110,7 +110,7 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
 
     // Another process in the folder.
     fs::write(&config, "(steps: 3)").unwrap();
-    let lock = evaluate::lock_file(&run.join("run.lock")).unwrap();
+    let lock = gs_scene::lock_file(&run.join("run.lock")).unwrap();
     assert!(lock.is_some());
     let Called { code, stderr, .. } = train(&["--resume"]);
     assert!(code == Some(2) && stderr.contains("another process"), "{stderr}");

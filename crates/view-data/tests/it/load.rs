@@ -360,6 +360,9 @@ fn what_is_no_regular_file_or_endless_is_refused_at_once() {
     assert!(fifo.success());
     check_error(&folder, None, "d.exr: cannot read: it is no regular file");
     std::fs::remove_file(folder.path("d.exr")).unwrap();
+    std::fs::write(folder.path("d.exr"), "garbage").unwrap();
+    check_error(&folder, None, "d.exr: depth is a file that does not begin as EXR files do");
+    std::fs::remove_file(folder.path("d.exr")).unwrap();
     std::os::unix::fs::symlink("/dev/zero", folder.path("d.exr")).unwrap();
     check_error(&folder, None, "d.exr: cannot read: it is no regular file");
 
