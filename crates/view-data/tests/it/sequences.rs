@@ -200,7 +200,7 @@ fn tum_names_every_broken_rule() {
 
 #[test]
 fn tum_lists_without_pictures_are_named_and_not_the_camera() {
-    let (_folder, path) = sample(Format::Tum, "rgbd_dataset_freiburg3");
+    let (_folder, path) = sample(Format::Tum, "rgbd_dataset_freiburg3_desk");
     std::fs::write(path.join("rgb.txt"), "# nothing\n").unwrap();
     check_error(
         open_tum(&path),
