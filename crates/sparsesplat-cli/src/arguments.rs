@@ -5,7 +5,7 @@ use crate::failure::{Failure, OrFail, Outcome};
 use attn_head::Weights;
 use clap::builder::RangedU64ValueParser;
 use clap::parser::ValueSource;
-use clap::{ArgMatches, Args, ValueEnum};
+use clap::{ArgMatches, Args, Command, ValueEnum};
 use evaluate::{Lpips, Method};
 use refine::Stop;
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Exposure, Head, Sampler};
@@ -36,13 +36,18 @@ pub(crate) struct Given(BTreeSet<String>);
 
 impl Given {
     /// What stands on a command line.
-    pub(crate) fn of(matches: &ArgMatches) -> Self {
+    pub(crate) fn of(command: &Command, matches: &ArgMatches) -> Self {
         let mut given = BTreeSet::new();
-        let mut level = Some(matches);
-        while let Some(matches) = level {
-            let typed = |id: &&clap::Id| matches.value_source(id.as_str()) == Some(ValueSource::CommandLine);
-            given.extend(matches.ids().filter(typed).map(|id| id.as_str().replace('_', "-")));
-            level = matches.subcommand().map(|(_, deeper)| deeper);
+        let mut level = Some((command, matches));
+        while let Some((command, matches)) = level {
+            for argument in command.get_arguments() {
+                let id = argument.get_id().as_str();
+                if matches.value_source(id) == Some(ValueSource::CommandLine) {
+                    given.insert(argument.get_long().unwrap_or(id).to_owned());
+                }
+            }
+            let deeper = matches.subcommand();
+            level = deeper.and_then(|(name, matches)| Some((command.find_subcommand(name)?, matches)));
         }
         Self(given)
     }

@@ -75,9 +75,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let matches = Cli::command().get_matches();
+    let command = Cli::command();
+    let matches = command.clone().get_matches();
     let mut cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    cli.common.given = Given::of(&matches);
+    cli.common.given = Given::of(&command, &matches);
     match run(&cli).and_then(|()| summary::finish()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
