@@ -14,7 +14,7 @@ use clap::Args;
 use evaluate::tradeoff::{
     self, Extent, Header, Journal, Pictures, Point, Shard, Shards, Summary, Sweep, points,
 };
-use evaluate::{Method, Plan, Reading, Recipe};
+use evaluate::{Method, Plan, Reading};
 use serde::Serialize;
 use serde_json::Value;
 use sparsesplat::{Allocation, Budget, Wanted};
