@@ -2,6 +2,7 @@
 
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -88,6 +89,66 @@ impl ValueFormatter<f64> for Counts {
             thousand if thousand >= 1e3 => format!("{}k", thousand / 1e3),
             few => few.to_string(),
         }
+    }
+}
+
+/// An axis of seconds: logarithmic where a few slow points would press all others into a corner.
+pub(crate) enum Seconds {
+    /// From one number to another.
+    Linear(RangedCoordf64),
+    /// By powers of ten.
+    Logarithmic(Counts),
+}
+
+/// Where three quarters of the points lie in this share of a linear axis, it is a logarithmic one.
+const CORNER: f64 = 0.2;
+
+impl Seconds {
+    /// An axis around some numbers; a linear one begins at `least` or below the smallest, at 0 at the lowest.
+    pub(crate) fn around(values: impl Iterator<Item = f64>, least: f64) -> Self {
+        let mut sorted: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        if let (Some(&first), Some(&last)) = (sorted.first(), sorted.last())
+            && first > 0.0
+            && sorted[(sorted.len() - 1) * 3 / 4] < CORNER * last
+        {
+            return Self::Logarithmic(Counts::around(sorted.into_iter()));
+        }
+        let around = range(sorted.into_iter(), 0.08);
+        Self::Linear((around.start.min(least).max(0.0)..around.end).into())
+    }
+}
+
+impl Ranged for Seconds {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        match self {
+            Self::Linear(axis) => axis.map(value, limit),
+            Self::Logarithmic(axis) => axis.map(value, limit),
+        }
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        match self {
+            Self::Linear(axis) => axis.key_points(hint),
+            Self::Logarithmic(axis) => axis.key_points(hint),
+        }
+    }
+
+    fn range(&self) -> std::ops::Range<f64> {
+        match self {
+            Self::Linear(axis) => axis.range(),
+            Self::Logarithmic(axis) => axis.range(),
+        }
+    }
+}
+
+impl ValueFormatter<f64> for Seconds {
+    fn format(seconds: &f64) -> String {
+        let text = format!("{seconds:.4}");
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
     }
 }
 
@@ -181,6 +242,24 @@ pub(crate) fn range(values: impl Iterator<Item = f64>, margin: f64) -> std::ops:
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_slow_point_does_not_press_the_others_into_a_corner() {
+        let quick = [1.0, 1.5, 2.0, 2.5, 3.0];
+        let apart = |axis: &Seconds| axis.map(&3.0, (0, 600)) - axis.map(&1.0, (0, 600));
+        let linear = Seconds::around(quick.into_iter(), f64::INFINITY);
+        assert!(matches!(linear, Seconds::Linear(_)) && linear.range().start > 0.5);
+        assert_eq!(Seconds::around(quick.into_iter(), 0.0).range().start, 0.0);
+        let logarithmic = Seconds::around(quick.into_iter().chain([70.0]), 0.0);
+        assert!(matches!(logarithmic, Seconds::Logarithmic(_)) && apart(&logarithmic) > 120);
+        let marks: Vec<String> = logarithmic.key_points(9).iter().map(Seconds::format).collect();
+        assert_eq!(marks, ["1", "2", "5", "10", "20", "50"]);
+        assert_eq!(Seconds::format(&0.05), "0.05");
+        // A time of nothing has no place on a logarithmic axis.
+        let with_nothing = Seconds::around(quick.into_iter().chain([0.0, 70.0]), 0.0);
+        assert!(matches!(with_nothing, Seconds::Linear(_)));
+        assert_eq!(Seconds::around(std::iter::empty(), 0.0).range(), 0.0..1.0);
+    }
 
     #[test]
     fn counts_are_marked_once_each_within_their_range() {

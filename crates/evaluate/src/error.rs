@@ -1,3 +1,4 @@
+use crate::KeptFault;
 use std::path::PathBuf;
 
 /// Why a window could not be measured or shown.
@@ -14,7 +15,7 @@ pub enum Error {
     #[error(transparent)]
     Render(#[from] gs_raster::Error),
     /// Refinement.
-    #[error("refinement: {0}")]
+    #[error("the scene cannot be refined")]
     Refine(#[source] refine::Error),
     /// Simulating a scene.
     #[error(transparent)]
@@ -83,22 +84,24 @@ pub enum Error {
         /// Why it is left out.
         reason: String,
     },
-    /// `--depth-range hint` on a data set that does not say.
+    /// The depth range of a data set is asked for that states none.
     #[error(
-        "{}: no scene_depth_percentiles, points or measured depth, one of which --depth-range hint needs",
+        "{}: the data set states no depth range: it has no scene_depth_percentiles, no points and no measured depth; have the range \
+         estimated, or state it",
         path.display()
     )]
     NoDepthHint {
         /// The data set.
         path: PathBuf,
     },
-    /// A file of a cache of geometry is not what this code writes.
-    #[error("{}: {problem}: remove the file, it can be made again", path.display())]
+    /// A file of a cache of geometry cannot be used.
+    #[error("{}: this file of the cache cannot be used: remove it, it is made again", path.display())]
     CacheFile {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        problem: String,
+        #[source]
+        source: KeptFault,
     },
     /// A picture that the encoder refuses.
     #[error("a picture of {width}x{height} cannot be encoded")]

@@ -1,22 +1,24 @@
 //! Cache on disk for depth and features of a frozen backbone: evaluation and training of the same views run it once.
 
 use crate::hash::of_views;
-use crate::{Error, Result};
-use gs_scene::{DepthMap, FeatureMap, Gaussians, View, write_atomically};
+use crate::{Error, Kept, KeptFault, KeptTensor, Result, singles, write_kept};
+use gs_scene::{DepthMap, FeatureMap, Gaussians, View};
 use half::f16;
-use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use sparsesplat::{Config, Features, ViewGeometry, Wanted, backbone_identity, geometry};
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Changes when the layout of a file or what a backbone computes does.
 const VERSION: u32 = 4;
 
+/// What the files are.
+const KIND: &str = "geometry";
+
 /// A folder of files, each what one backbone with its settings says of the context views of one window.
 ///
-/// Features, or the matching cost that they are computed with, are kept with 11 bits. What was just made is handed on as it was written, so that a result does not depend on whether its
-/// file was there.
+/// Features, or the matching cost that they are computed with, are kept with 11 bits. A fresh result is rounded as its file is, so that
+/// results do not depend on whether a file was there.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct GeometryCache {
     /// The folder.
@@ -30,8 +32,6 @@ struct Header {
     /// Schema of the features; empty without.
     schema: String,
 }
-
-type Tensors = Vec<(String, Dtype, Vec<usize>, Vec<u8>)>;
 
 impl GeometryCache {
     /// As [`sparsesplat::geometry`], from the file of these views if there is one. `name` is what the file's name begins with.
@@ -68,7 +68,7 @@ impl GeometryCache {
 fn write(path: &Path, all: &[ViewGeometry], depth_range: (f64, f64)) -> Result<()> {
     let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
     let mut schema = String::new();
-    let mut tensors = Tensors::new();
+    let mut tensors: Vec<KeptTensor> = Vec::new();
     for (i, view) in all.iter().enumerate() {
         let shape = vec![view.depth.height(), view.depth.width()];
         tensors.push((format!("{i}.depth"), Dtype::F32, shape.clone(), bytes(view.depth.data())));
@@ -92,84 +92,63 @@ fn write(path: &Path, all: &[ViewGeometry], depth_range: (f64, f64)) -> Result<(
             tensors.push((format!("{i}.sh"), Dtype::F32, shape, bytes(set.sh())));
         }
     }
-    let broken = |problem: String| Error::CacheFile { path: path.to_path_buf(), problem };
-    let views = tensors
-        .iter()
-        .map(|(name, dtype, shape, data)| {
-            Ok((
-                name.as_str(),
-                TensorView::new(*dtype, shape.clone(), data).map_err(|e| broken(e.to_string()))?,
-            ))
-        })
-        .collect::<Result<Vec<_>>>()?;
-    let header = serde_json::to_string(&Header { depth_range, schema }).map_err(|e| broken(e.to_string()))?;
-    let bytes = serialize(views, Some(HashMap::from([("geometry".to_owned(), header)])))
-        .map_err(|e| broken(e.to_string()))?;
-    Ok(write_atomically(path, |out| out.write_all(&bytes))?)
+    let header = Header { depth_range, schema };
+    write_kept(path, KIND, &header, &tensors)
+        .map_err(|source| Error::CacheFile { path: path.to_path_buf(), source })
 }
 
 fn read(path: &Path, views: &[View]) -> Result<(Vec<ViewGeometry>, (f64, f64))> {
-    let broken = |problem: String| Error::CacheFile { path: path.to_path_buf(), problem };
-    let bytes = std::fs::read(path).map_err(|e| broken(e.to_string()))?;
-    parse(&bytes, views).map_err(broken)
+    let read = || {
+        let (header, kept): (Header, Kept) = Kept::read(path, KIND)?;
+        let all = views.iter().enumerate().map(|(i, view)| view_of(&kept, &header, i, view));
+        Ok((all.collect::<std::result::Result<_, KeptFault>>()?, header.depth_range))
+    };
+    read().map_err(|source| Error::CacheFile { path: path.to_path_buf(), source })
 }
 
-fn parse(bytes: &[u8], views: &[View]) -> std::result::Result<(Vec<ViewGeometry>, (f64, f64)), String> {
-    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
-    let header = metadata.metadata().as_ref().and_then(|m| m.get("geometry")).ok_or("no header")?;
-    let header: Header = serde_json::from_str(header).map_err(|e| e.to_string())?;
-    let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
-    // Values of a tensor of this type and number of axes, and its shape; none where there is no such tensor.
-    let tensor = |name: &str, dtype: Dtype, axes: usize| match tensors.tensor(name) {
-        Err(_) => Ok(None),
-        Ok(found) if found.dtype() == dtype && found.shape().len() == axes => {
-            Ok(Some((found.data().to_vec(), found.shape().to_vec())))
+/// What the file says of a view.
+fn view_of(
+    kept: &Kept,
+    header: &Header,
+    i: usize,
+    view: &View,
+) -> std::result::Result<ViewGeometry, KeptFault> {
+    let (width, height) = (view.image().width(), view.image().height());
+    let map = |name: String| Ok::<_, KeptFault>(singles(kept.expect(&name, Dtype::F32, &[height, width])?));
+    let depth = DepthMap::new(width, height, map(format!("{i}.depth"))?).map_err(KeptFault::Scene)?;
+    let confidence = map(format!("{i}.confidence"))?;
+    let halves = |data: &[u8]| -> Vec<f32> {
+        data.as_chunks::<2>().0.iter().map(|&v| f16::from_le_bytes(v).to_f32()).collect()
+    };
+    let schema = header.schema.clone();
+    let cost = format!("{i}.cost");
+    let features = match kept.tensor(&format!("{i}.features"), Dtype::F16, 3)? {
+        Some((shape, data)) => {
+            let map =
+                FeatureMap::new(shape[0], shape[2], shape[1], halves(data)).map_err(KeptFault::Scene)?;
+            Some(Features::Map(map.with_schema(schema)))
         }
-        Ok(found) => Err(format!("{name}: {:?} {:?}", found.dtype(), found.shape())),
+        None if kept.tensor(&cost, Dtype::F16, 2)?.is_some() => {
+            let cost = halves(kept.expect(&cost, Dtype::F16, &[height, width])?);
+            Some(Features::Bank { schema, cost })
+        }
+        None => None,
     };
-    let singles = |bytes: &[u8]| -> Vec<f32> {
-        bytes.as_chunks::<4>().0.iter().map(|&v| f32::from_le_bytes(v)).collect()
+    let rows = kept.tensor(&format!("{i}.gaussians"), Dtype::F32, 2)?;
+    let sh = kept.tensor(&format!("{i}.sh"), Dtype::F32, 3)?;
+    let gaussians = match (rows, sh) {
+        (Some((_, rows)), Some((shape, sh))) => {
+            let degree =
+                (0..=3).find(|d| (d + 1) * (d + 1) == shape[1]).ok_or_else(|| KeptFault::Tensor {
+                    name: format!("{i}.sh"),
+                    found: format!("{shape:?}"),
+                    expected: "1, 4, 9 or 16 coefficients".to_owned(),
+                })?;
+            Some(Gaussians::new(degree, singles(rows), singles(sh)).map_err(KeptFault::Scene)?)
+        }
+        _ => None,
     };
-    let one = |(i, view): (usize, &View)| {
-        let (width, height) = (view.image().width(), view.image().height());
-        let map = |name: String| match tensor(&name, Dtype::F32, 2)? {
-            Some((data, shape)) if shape == [height, width] => Ok(singles(&data)),
-            _ => Err(format!("{name}: not there, or of another size than {width}x{height}")),
-        };
-        let depth = DepthMap::new(width, height, map(format!("{i}.depth"))?).map_err(|e| e.to_string())?;
-        let confidence = map(format!("{i}.confidence"))?;
-        let halves = |data: &[u8]| -> Vec<f32> {
-            data.as_chunks::<2>().0.iter().map(|&v| f16::from_le_bytes(v).to_f32()).collect()
-        };
-        let schema = header.schema.clone();
-        let features = match (
-            tensor(&format!("{i}.features"), Dtype::F16, 3)?,
-            tensor(&format!("{i}.cost"), Dtype::F16, 2)?,
-        ) {
-            (Some((data, shape)), _) => {
-                let map = FeatureMap::new(shape[0], shape[2], shape[1], halves(&data));
-                Some(Features::Map(map.map_err(|e| e.to_string())?.with_schema(schema)))
-            }
-            (None, Some((data, shape))) if shape == [height, width] => {
-                Some(Features::Bank { schema, cost: halves(&data) })
-            }
-            (None, Some(_)) => return Err(format!("{i}.cost: of another size than {width}x{height}")),
-            (None, None) => None,
-        };
-        let sets =
-            (tensor(&format!("{i}.gaussians"), Dtype::F32, 2)?, tensor(&format!("{i}.sh"), Dtype::F32, 3)?);
-        let gaussians = match sets {
-            (Some((rows, _)), Some((sh, shape))) => {
-                let degree =
-                    (0..=3).find(|d| (d + 1) * (d + 1) == shape[1]).ok_or(format!("{i}.sh: {shape:?}"))?;
-                Some(Gaussians::new(degree, singles(&rows), singles(&sh)).map_err(|e| e.to_string())?)
-            }
-            _ => None,
-        };
-        Ok(ViewGeometry { depth, confidence, features, gaussians })
-    };
-    let all = views.iter().enumerate().map(one).collect::<std::result::Result<_, String>>()?;
-    Ok((all, header.depth_range))
+    Ok(ViewGeometry { depth, confidence, features, gaussians })
 }
 
 #[cfg(test)]
@@ -226,7 +205,11 @@ mod tests {
         let path = cache.path("room", &views, &config, Wanted::Depth).unwrap();
         cache.geometry("room", &views, &config, Wanted::Depth).unwrap();
         let whole = std::fs::read(&path).unwrap();
-        for bytes in [&whole[..whole.len() / 2], &whole[..4], b"", b"nonsense that is longer than a header"] {
+        let mut garbled = whole.clone();
+        garbled[whole.len() - 5] ^= 1;
+        for bytes in
+            [&garbled, &whole[..whole.len() / 2], &whole[..4], b"", b"nonsense that is longer than a header"]
+        {
             std::fs::write(&path, bytes).unwrap();
             let error = cache.geometry("room", &views, &config, Wanted::Depth).unwrap_err();
             assert!(matches!(&error, Error::CacheFile { path: named, .. } if *named == path), "{error}");

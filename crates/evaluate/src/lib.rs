@@ -12,6 +12,7 @@ mod window;
 
 mod figures;
 mod hash;
+mod kept;
 mod protocol;
 mod recipe;
 mod table;
@@ -34,6 +35,7 @@ pub use figures::{
 pub use geometry_cache::GeometryCache;
 pub use hash::{file_sha256, hexadecimal};
 pub use image_metrics::Lpips;
+pub use kept::{Kept, KeptFault, KeptTensor, Stored, singles, write_kept};
 pub use method::{Method, Refinement};
 pub use picture::{DepthScale, ERROR_GAIN, Picture};
 pub use plan::{ALONG_A_VIDEO, Choice, Plan, Reading, Windows};

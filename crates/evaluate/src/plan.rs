@@ -4,7 +4,7 @@ use crate::simulated::{SimulatedScene, description, simulated_window};
 use crate::{Dropped, Error, Result, Window};
 use serde::Serialize;
 use sparsesplat::DepthRange;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 use view_data::{
@@ -57,7 +57,7 @@ pub struct Reading {
     pub depth_hint: bool,
 }
 
-/// Which windows of a scene are taken where no index file says.
+/// Which windows of a scene are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Windows {
     /// Context views of a window.
@@ -65,6 +65,8 @@ pub struct Windows {
     /// Windows along the path of each scene. Without, one window over views chosen by their overlap, or [`ALONG_A_VIDEO`] windows
     /// where the frames are those of a video.
     pub along: Option<usize>,
+    /// Take the windows of `evaluation_index.json` in the folder of a scene instead, where there is one.
+    pub index: bool,
 }
 
 /// Windows of a video, unless another number is asked for.
@@ -182,8 +184,7 @@ impl Plan {
         Ok((plans, dropped))
     }
 
-    /// All windows of the scene in a folder, or of the scenes below it, in the order of their names: those of the scene's own
-    /// `evaluation_index.json`, else as `windows` says. A scene that cannot be read, or gives no window, is returned as dropped.
+    /// All windows of the scene in a folder, or of the scenes below it, in the order of their names, as `windows` says. A scene that cannot be read, or gives no window, is returned as dropped.
     ///
     /// # Errors
     /// If the folder cannot be read, or there is nothing to evaluate.
@@ -208,7 +209,7 @@ impl Plan {
     fn of_scene(dataset: Dataset, windows: Windows, reading: Reading) -> Result<(Vec<Self>, Vec<Dropped>)> {
         let dataset = Arc::new(dataset);
         let index = dataset.root.join(INDEX);
-        let (of_scene, left_out) = if index.is_file() {
+        let (of_scene, left_out) = if windows.index && index.is_file() {
             let index = read_index(&index)?;
             let of_scene = index.windows_of(&dataset)?.into_iter().cloned().collect();
             let empty = index.dropped.iter().filter(|entry| scene_of(&entry.key) == dataset.name);
@@ -269,6 +270,24 @@ impl Plan {
         match &self.source {
             Source::Simulated { .. } => None,
             Source::Photographs(photographs) => Some(&photographs.choice),
+        }
+    }
+
+    /// The files that the window is read from; none where the scene is simulated.
+    #[must_use]
+    pub fn files(&self) -> Vec<PathBuf> {
+        match &self.source {
+            Source::Simulated { .. } => Vec::new(),
+            Source::Photographs(photographs) => photographs.dataset.files(),
+        }
+    }
+
+    /// What was subtracted from all positions, because the scene lies far from the origin of its world, scene units.
+    #[must_use]
+    pub fn offset(&self) -> Option<[f64; 3]> {
+        match &self.source {
+            Source::Simulated { .. } => None,
+            Source::Photographs(photographs) => photographs.dataset.offset.map(Into::into),
         }
     }
 

@@ -4,15 +4,15 @@ use cpu_isa::Isa;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs;
-use std::process::Command;
 
 /// The recipe at the head of every JSON file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Recipe<C> {
     /// The command line.
     pub command: Vec<String>,
-    /// Commit of the checkout that the command ran in, `-dirty` if files were changed; none outside a checkout.
-    pub git: Option<String>,
+    /// Commit that the binary was built from, `unknown` where that was no checkout. Files that were changed and not committed are not
+    /// told.
+    pub git: String,
     /// Seed of the sampling; the first of several.
     pub seed: u64,
     /// Threads that worked.
@@ -28,12 +28,12 @@ pub struct Recipe<C> {
 }
 
 impl<C: Serialize> Recipe<C> {
-    /// The recipe of this process.
+    /// The recipe of this process, whose binary was built from the commit `git`.
     #[must_use]
-    pub fn of_this_run(seed: u64, threads: usize, config: C) -> Self {
+    pub fn of_this_run(git: &str, seed: u64, threads: usize, config: C) -> Self {
         Self {
             command: std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect(),
-            git: git_commit(),
+            git: git.to_owned(),
             seed,
             threads,
             isa: Isa::in_use().name(),
@@ -100,14 +100,6 @@ fn kibibytes(text: &str) -> Option<u64> {
     text.strip_suffix(" kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
-/// `git describe` of the current folder, as far as there is one.
-fn git_commit() -> Option<String> {
-    let described =
-        Command::new("git").args(["describe", "--always", "--dirty", "--abbrev=40", "--match="]).output();
-    let text = String::from_utf8(described.ok().filter(|output| output.status.success())?.stdout).ok()?;
-    Some(text.trim().to_owned()).filter(|commit| !commit.is_empty())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,7 +115,7 @@ mod tests {
 
     #[test]
     fn a_recipe_has_the_keys_that_readers_rely_on() {
-        let json = serde_json::to_value(Recipe::of_this_run(7, 2, "settings")).unwrap();
+        let json = serde_json::to_value(Recipe::of_this_run("commit", 7, 2, "settings")).unwrap();
         for key in ["command", "git", "seed", "threads", "isa", "machine", "config", "versions"] {
             assert!(json.get(key).is_some(), "{key}");
         }

@@ -13,6 +13,8 @@ pub struct Rendered {
     pub alpha: Vec<f32>,
     /// Expected z-depth, scene units, `[height, width]`; 0 where there is nothing.
     pub depth: Vec<f32>,
+    /// Gaussians that cannot be drawn: their stored numbers are not finite, or overflow.
+    pub rejected: usize,
 }
 
 /// Renders a view over black.
@@ -58,7 +60,8 @@ pub(crate) fn render_as(
         *value = value.clamp(0.0, 1.0);
     }
     let depth = rendering.depth.unwrap_or_default();
-    Ok(Rendered { image: rendering.image, alpha: rendering.alpha, depth })
+    let rejected = rendering.stats.rejected;
+    Ok(Rendered { image: rendering.image, alpha: rendering.alpha, depth, rejected })
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ mod camera;
 mod gaussians;
 mod image;
 mod lens;
+mod lock;
 mod maps;
 mod ply;
 mod view;
@@ -19,7 +20,8 @@ pub use gaussians::{
 };
 pub use image::Image;
 pub use lens::{Distortion, Lens, LensModel, MAX_ASPECT_DEVIATION};
+pub use lock::lock_file;
 pub use maps::{DepthMap, FeatureMap};
-pub use ply::{read_ply, write_ply};
+pub use ply::{encode_ply, read_ply, write_ply};
 pub use view::View;
-pub use write::write_atomically;
+pub use write::{links, write_atomically};

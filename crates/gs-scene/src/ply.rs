@@ -3,7 +3,7 @@ use crate::{
     Error, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, Result, sh_coefficients, write_atomically,
 };
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 
 /// Longest header that is read; a real one has some 2 KiB.
@@ -62,33 +62,39 @@ fn slot(name: &str, degree: usize) -> Option<Slot> {
 /// # Errors
 /// If the file cannot be written.
 pub fn write_ply(path: &Path, gaussians: &Gaussians) -> Result<()> {
+    write_atomically(path, |out| encode_ply(out, gaussians))
+}
+
+/// The bytes that [`write_ply`] puts into a file.
+///
+/// # Errors
+/// If `out` takes no more.
+pub fn encode_ply(out: &mut dyn Write, gaussians: &Gaussians) -> std::io::Result<()> {
     let names = property_names(gaussians.sh_degree());
     let slots: Vec<_> = names.iter().map(|name| slot(name, gaussians.sh_degree())).collect();
     let sh_row = sh_coefficients(gaussians.sh_degree()) * 3;
-    write_atomically(path, |out| {
-        writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment SplatRenderMode: default")?;
-        writeln!(out, "element vertex {}", gaussians.len())?;
-        for name in &names {
-            writeln!(out, "property float {name}")?;
+    writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment SplatRenderMode: default")?;
+    writeln!(out, "element vertex {}", gaussians.len())?;
+    for name in &names {
+        writeln!(out, "property float {name}")?;
+    }
+    writeln!(out, "end_header")?;
+    let rows =
+        gaussians.geometry().chunks_exact(Gaussians::GEOMETRY).zip(gaussians.sh().chunks_exact(sh_row));
+    let mut bytes = Vec::with_capacity(slots.len() * 4);
+    for (geometry, sh) in rows {
+        bytes.clear();
+        for slot in &slots {
+            let value = match *slot {
+                Some(Slot::Geometry(i)) => geometry[i],
+                Some(Slot::Sh(i)) => sh[i],
+                None => 0.0,
+            };
+            bytes.extend_from_slice(&value.to_le_bytes());
         }
-        writeln!(out, "end_header")?;
-        let rows =
-            gaussians.geometry().chunks_exact(Gaussians::GEOMETRY).zip(gaussians.sh().chunks_exact(sh_row));
-        let mut bytes = Vec::with_capacity(slots.len() * 4);
-        for (geometry, sh) in rows {
-            bytes.clear();
-            for slot in &slots {
-                let value = match *slot {
-                    Some(Slot::Geometry(i)) => geometry[i],
-                    Some(Slot::Sh(i)) => sh[i],
-                    None => 0.0,
-                };
-                bytes.extend_from_slice(&value.to_le_bytes());
-            }
-            out.write_all(&bytes)?;
-        }
-        Ok(())
-    })
+        out.write_all(&bytes)?;
+    }
+    Ok(())
 }
 
 /// Scalar types of the format.

@@ -1,10 +1,16 @@
 use crate::{Error, Result};
 use std::fs;
 use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Symbolic links that are followed from one path: as many as Linux follows.
+const MAX_LINKS: usize = 40;
 
 /// Writes a file so that a reader never sees half of it: the content goes to a temporary file beside it, which then
 /// takes its name. Missing parent folders are made. After an error the old file, if there was one, is still there.
+///
+/// A symbolic link stays, and what it points to is written. A device, a FIFO or a socket stays too: the content goes into it
+/// at once, as there is nothing that a rename could replace.
 ///
 /// # Errors
 /// If a folder or file cannot be written, or `fill` fails.
@@ -13,12 +19,21 @@ pub fn write_atomically(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::i
         let path = path.to_path_buf();
         move |source| Error::Io { action, path, source }
     };
-    let file_name = path.file_name().ok_or_else(|| Error::Io {
+    // Follows what the system itself would, such as /proc/self/fd/1, which is no path that could be read as a link.
+    if fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir()) {
+        return write_into(path, fill).map_err(fail("write", path));
+    }
+    let target = links(path).pop().unwrap_or_else(|| path.to_path_buf());
+    if target.is_symlink() {
+        // Links in a circle; the system's own error says so.
+        fs::metadata(path).map_err(fail("write", path))?;
+    }
+    let file_name = target.file_name().ok_or_else(|| Error::Io {
         action: "write",
         path: path.to_path_buf(),
         source: std::io::Error::from(std::io::ErrorKind::InvalidFilename),
     })?;
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(fail("make the folder", folder))?;
     let written = (|| {
         let mut temporary = tempfile::Builder::new();
@@ -28,10 +43,29 @@ pub fn write_atomically(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::i
         temporary.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let mut writer = BufWriter::with_capacity(1 << 20, temporary.tempfile_in(folder)?);
         fill(&mut writer)?;
-        writer.into_inner()?.persist(path)?;
+        writer.into_inner()?.persist(&target)?;
         Ok(())
     })();
     written.map_err(fail("write", path))
+}
+
+/// The path, and what symbolic links make of it, one step each; the last is no link, but need not exist.
+#[must_use]
+pub fn links(path: &Path) -> Vec<PathBuf> {
+    let mut steps = vec![path.to_path_buf()];
+    while let Some(last) = steps.last().filter(|_| steps.len() <= MAX_LINKS)
+        && let Ok(to) = fs::read_link(last)
+    {
+        let next = last.parent().unwrap_or(Path::new("")).join(to);
+        steps.push(next);
+    }
+    steps
+}
+
+fn write_into(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
+    let mut writer = BufWriter::with_capacity(1 << 16, fs::OpenOptions::new().write(true).open(path)?);
+    fill(&mut writer)?;
+    writer.flush()
 }
 
 #[cfg(test)]
@@ -84,5 +118,50 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("plain"), b"").unwrap();
         assert!(write_atomically(&folder.path().join("plain/x.ply"), |_| Ok(())).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_stay_and_their_targets_are_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir(at("deep")).unwrap();
+        fs::write(at("deep/target"), b"old").unwrap();
+        std::os::unix::fs::symlink("deep/target", at("second")).unwrap();
+        std::os::unix::fs::symlink("second", at("first")).unwrap();
+        std::os::unix::fs::symlink("deep/new", at("dangling")).unwrap();
+        std::os::unix::fs::symlink("circle", at("circle")).unwrap();
+        assert_eq!(links(&at("first")), [at("first"), at("second"), at("deep/target")]);
+        write_atomically(&at("first"), |w| w.write_all(b"new")).unwrap();
+        write_atomically(&at("dangling"), |w| w.write_all(b"made")).unwrap();
+        assert_eq!(fs::read(at("deep/target")).unwrap(), b"new");
+        assert_eq!(fs::read(at("deep/new")).unwrap(), b"made");
+        for link in ["first", "second", "dangling"] {
+            assert!(at(link).is_symlink(), "{link}");
+        }
+        assert!(write_atomically(&at("circle"), |w| w.write_all(b"x")).is_err());
+        assert!(at("circle").is_symlink());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn devices_and_fifos_stay_what_they_are() {
+        use std::os::unix::fs::FileTypeExt;
+        write_atomically(Path::new("/dev/null"), |w| w.write_all(b"nothing")).unwrap();
+        assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+        let full = write_atomically(Path::new("/dev/full"), |w| w.write_all(b"too much")).unwrap_err();
+        assert_eq!(full.to_string(), "/dev/full: cannot write");
+
+        let folder = tempfile::tempdir().unwrap();
+        let fifo = folder.path().join("fifo");
+        let made = std::process::Command::new("mkfifo").arg(&fifo).status().unwrap();
+        assert!(made.success());
+        let reader = std::thread::spawn({
+            let fifo = fifo.clone();
+            move || fs::read(fifo).unwrap()
+        });
+        write_atomically(&fifo, |w| w.write_all(b"through")).unwrap();
+        assert_eq!(reader.join().unwrap(), b"through");
+        assert!(fs::metadata(&fifo).unwrap().file_type().is_fifo());
     }
 }

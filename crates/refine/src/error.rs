@@ -16,7 +16,9 @@ pub enum Error {
         expected: &'static str,
     },
     /// The structural part of the loss cannot be had of a view.
-    #[error("view {view}: {source}; without the structural term (dssim 0) there is no such limit")]
+    #[error(
+        "view {view}: the structural term of the loss cannot be computed (a weight dssim of 0 leaves it out)"
+    )]
     Structure {
         /// Name of the view.
         view: String,

@@ -4,9 +4,9 @@ use crate::arguments::{Common, LpipsWeights, gaussians, positive, scenes, seeds,
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::source::simulated;
-use crate::summary::{print, print_line};
+use crate::summary::{print, print_line, warn};
 use crate::train::{Data, Run, SAVE_EVERY, config};
-use crate::{device, output, threads};
+use crate::{device, output};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
 use evaluate::{
@@ -174,21 +174,26 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let wanted = arguments.wanted()?;
     let mut base = config(arguments.config.as_deref())?;
     base.steps = arguments.steps.unwrap_or(base.steps);
+    if base.steps == 0 {
+        return Err(Failure::input(
+            "the settings say steps: 0, and heads that were not trained do not compare: give --steps N",
+        ));
+    }
     output::check_folder(&arguments.output)?;
     let lpips = arguments.lpips.read()?;
     let lpips_network = lpips.as_ref().map(|lpips| lpips.network().name());
     let held_out = 0..arguments.evaluation_scenes as u64;
     arguments.data.keep_unseen(&held_out, "measured")?;
-    let cases = arguments.data.cases(&arguments.data.plans()?)?;
+    let cases = arguments.data.cases(&arguments.data.plans(&common.given)?)?;
     let mut sets = vec![("simulated", simulated(held_out, arguments.evaluation_size))];
     let mut dropped = Vec::new();
     if let Some(root) = &arguments.photographs {
         let reading = Reading { format: None, size: None, depth_hint: true };
-        let (plans, unread) =
-            Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
+        let (plans, unread) = Plan::below(root, Windows { views: 6, along: None, index: true }, reading)
+            .map_err(Failure::sorted)?;
         sets.push(("photographs", plans));
         for unread in &unread {
-            eprintln!("warning: dropped {}: {}", unread.name, unread.reason);
+            warn(&format!("dropped {}: {}", unread.name, unread.reason));
         }
         dropped.extend(unread);
     }
@@ -204,9 +209,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             let allocation = serde_json::to_value(config.allocation).or_work()?;
             let name = format!("{}-{}-k{}-seed{seed}", text(&head), text(&allocation), config.neighbours);
             let folder = arguments.output.join(name);
-            output::check_folder(&folder)?;
+            let run = Run::begin(&folder, SAVE_EVERY, true)?;
             print_line(&format!("training   {} (seed {seed}), {} steps", row.name, config.steps));
-            let run = Run { folder: &folder, validation: None, save_every: SAVE_EVERY, resume: true };
             let mut trainer =
                 Trainer::new(config.clone(), cases.clone(), device::rasterizer(common.device)?).or_work()?;
             run.complete(&mut trainer)?;
@@ -224,7 +228,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         gaussians: arguments.gaussians,
         data_sha256: cases.sha256(),
     };
-    let recipe = Recipe::of_this_run(base.seed, threads(), settings);
+    let recipe = crate::recipe(base.seed, settings);
     if let Some(path) = &common.json {
         let protocol = evaluate::PROTOCOL;
         let record = Record { recipe: &recipe, protocol, lpips_network, rows: &rows, dropped: &dropped };

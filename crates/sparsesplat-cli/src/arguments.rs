@@ -4,11 +4,13 @@ use crate::checkpoints;
 use crate::failure::{Failure, OrFail, Outcome};
 use attn_head::Weights;
 use clap::builder::RangedU64ValueParser;
-use clap::{Args, ValueEnum};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, Command, ValueEnum};
 use evaluate::{Lpips, Method};
 use refine::Stop;
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Exposure, Head, Sampler};
-use std::path::PathBuf;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 /// End of the short help (`-h`) of commands with many options.
 pub(crate) const SEE_LONG_HELP: &str = "Examples and all options: --help";
@@ -21,11 +23,57 @@ pub(crate) struct Common {
     #[arg(long, value_name = "PATH", global = true)]
     pub(crate) json: Option<PathBuf>,
     /// Number of threads [default: one per core]
-    #[arg(long, value_name = "N", value_parser = positive, global = true)]
+    #[arg(long, value_name = "N", value_parser = threads, global = true)]
     pub(crate) threads: Option<usize>,
     /// Device that renders
     #[arg(long, value_enum, default_value = "auto", global = true)]
     pub(crate) device: Device,
+    /// What the user typed.
+    #[arg(skip)]
+    pub(crate) given: Given,
+}
+
+/// The settings that the user typed, by name: a setting that has no effect on what is asked for is an error, its default is none.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Given(BTreeSet<String>);
+
+impl Given {
+    /// What stands on a command line.
+    pub(crate) fn of(command: &Command, matches: &ArgMatches) -> Self {
+        let mut given = BTreeSet::new();
+        let mut level = Some((command, matches));
+        while let Some((command, matches)) = level {
+            for argument in command.get_arguments() {
+                let id = argument.get_id().as_str();
+                if matches.value_source(id) == Some(ValueSource::CommandLine) {
+                    given.insert(argument.get_long().unwrap_or(id).to_owned());
+                }
+            }
+            let deeper = matches.subcommand();
+            level = deeper.and_then(|(name, matches)| Some((command.find_subcommand(name)?, matches)));
+        }
+        Self(given)
+    }
+
+    /// Whether a setting, by its long name, was typed.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.0.contains(name)
+    }
+
+    /// Refuses settings that would have no effect.
+    pub(crate) fn refuse(&self, names: &[&str], why: &str) -> Outcome {
+        match names.iter().find(|name| self.has(name)) {
+            Some(name) => Err(Failure::input(format!("--{name} has no effect here: {why}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses all settings but some.
+    pub(crate) fn refuse_all_but(&self, names: &[&str], why: &str) -> Outcome {
+        let others: Vec<&str> =
+            self.0.iter().map(String::as_str).filter(|name| !names.contains(name)).collect();
+        self.refuse(&others, why)
+    }
 }
 
 /// `--device` of a command that renders nothing: it is not offered, and refused if given.
@@ -79,10 +127,23 @@ pub(crate) struct Pipeline {
     #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20, hide_short_help = true)]
     pub(crate) neighbours: usize,
     /// Gradient steps on the photographs after the forward pass (60 are a good start)
-    #[arg(long, value_name = "STEPS", help_heading = "Refinement", conflicts_with = "refine_seconds")]
+    #[arg(
+        long,
+        value_name = "STEPS",
+        help_heading = "Refinement",
+        conflicts_with = "refine_seconds",
+        allow_negative_numbers = true
+    )]
     pub(crate) refine: Option<usize>,
     /// Seconds of refinement, instead of a number of steps
-    #[arg(long, value_name = "S", value_parser = seconds, help_heading = "Refinement", hide_short_help = true)]
+    #[arg(
+        long,
+        value_name = "S",
+        value_parser = seconds,
+        help_heading = "Refinement",
+        allow_negative_numbers = true,
+        hide_short_help = true
+    )]
     pub(crate) refine_seconds: Option<f64>,
 }
 
@@ -94,7 +155,7 @@ pub(crate) struct DepthSource {
     #[arg(long, value_enum, default_value = "plane-sweep")]
     pub(crate) backbone: BackboneName,
     /// Depth planes of the stereo; fewer are faster [default: 128]
-    #[arg(long, value_name = "N", value_parser = positive, hide_short_help = true)]
+    #[arg(long, value_name = "N", value_parser = planes, hide_short_help = true)]
     pub(crate) depth_planes: Option<usize>,
     /// Weights of a head or of DepthSplat's network, or both; the kind is read from the file
     ///
@@ -105,6 +166,11 @@ pub(crate) struct DepthSource {
 }
 
 impl DepthSource {
+    /// The files that are named.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+        self.weights.iter().map(PathBuf::as_path)
+    }
+
     /// The backbone, and the weights of a head if they are given.
     pub(crate) fn resolve(&self) -> Outcome<(Backbone, Option<PathBuf>)> {
         let (mut heads, mut networks) = (Vec::new(), Vec::new());
@@ -123,7 +189,7 @@ impl DepthSource {
             (BackboneName::DepthSplat, None) => Backbone::DepthSplat(checkpoints::preferred()?),
             (_, Some(other)) => {
                 let reason = match Weights::read(&other) {
-                    Err(reason) => reason.to_string(),
+                    Err(reason) => format!("{:#}", anyhow::Error::from(reason)),
                     Ok(_) => "it changed while it was read".to_owned(),
                 };
                 return Err(Failure::input(format!(
@@ -158,9 +224,14 @@ pub(crate) struct LpipsWeights {
 }
 
 impl LpipsWeights {
-    /// The files that are given.
+    /// The files that are named.
     pub(crate) fn files(&self) -> &[PathBuf] {
         &self.files
+    }
+
+    /// The same as paths.
+    pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(PathBuf::as_path)
     }
 
     /// LPIPS, where weights are given.
@@ -260,7 +331,8 @@ impl AllocationName {
 
 impl Pipeline {
     /// Photographs to Gaussians, refinement included.
-    pub(crate) fn method(&self, seed: u64) -> Outcome<Method> {
+    pub(crate) fn method(&self, seed: u64, given: &Given) -> Outcome<Method> {
+        self.refuse_without_effect(given)?;
         let stop = match (self.refine, self.refine_seconds) {
             (Some(steps), _) => Some(Stop::Steps(steps)),
             (None, Some(seconds)) => Some(Stop::Seconds(seconds)),
@@ -268,6 +340,28 @@ impl Pipeline {
         };
         let refine = stop.map(|stop| refine::Config { stop, seed, ..refine::Config::default() });
         Ok(Method { refine, ..Method::feed_forward(self.config(seed)?) })
+    }
+
+    /// Refuses settings that the others leave without an effect.
+    fn refuse_without_effect(&self, given: &Given) -> Outcome {
+        match self.allocation {
+            AllocationName::Entropy | AllocationName::Laplacian | AllocationName::Random => {}
+            AllocationName::PixelAligned => given.refuse(
+                &["gaussians", "tau", "sampler"],
+                "--allocation pixel-aligned makes one Gaussian of every pixel",
+            )?,
+            AllocationName::Merged | AllocationName::VoxelAligned => given.refuse(
+                &["tau", "sampler"],
+                "this --allocation draws no pixels; --gaussians COUNT says how many Gaussians are left",
+            )?,
+        }
+        if self.source.backbone == BackboneName::GivenDepth && matches!(self.depth_range, Range::Known(..)) {
+            given.refuse(&["depth-range"], "--backbone given-depth takes the range of the measured depth")?;
+        }
+        if self.head == HeadName::DepthSplat {
+            given.refuse(&["neighbours"], "--head depthsplat looks at no neighbours")?;
+        }
+        Ok(())
     }
 
     /// The forward pass. `Hint` is left as `Estimate` here: only the data set can resolve it.
@@ -326,6 +420,22 @@ pub(crate) fn gaussians(text: &str) -> Result<usize, String> {
 /// A whole number above 0.
 pub(crate) fn positive(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&number| number > 0).ok_or_else(|| "expected a whole number above 0".to_owned())
+}
+
+/// A number of threads: some more than the cores, so that results can be compared, but not so many that starting them takes longer
+/// than the work.
+fn threads(text: &str) -> Result<usize, String> {
+    let most = std::thread::available_parallelism().map_or(1, usize::from).saturating_mul(4).max(64);
+    let threads = positive(text)?;
+    if threads <= most { Ok(threads) } else { Err(format!("expected at most {most} on this machine")) }
+}
+
+/// At least two planes of stereo.
+fn planes(text: &str) -> Result<usize, String> {
+    positive(text)
+        .ok()
+        .filter(|&planes| planes > 1)
+        .ok_or_else(|| "expected a number of planes, 2 or more".to_owned())
 }
 
 /// A number of generated scenes, at least so many.

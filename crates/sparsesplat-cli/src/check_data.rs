@@ -2,9 +2,10 @@
 
 use crate::arguments::{Common, positive};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
+use crate::output::{Outputs, named};
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
-use crate::{output, threads};
 use clap::Args;
 use evaluate::{Dropped, Recipe, peak_rss_bytes};
 use serde::Serialize;
@@ -35,7 +36,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = CheckSettings::default().pairs)]
     pairs: usize,
     /// Seed of the matching
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
     /// Write a report: cameras from above and from the side, overlap, findings, pictures; with several scenes, one file each
     #[arg(long, value_name = "PATH")]
@@ -61,10 +62,11 @@ struct Settings {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    if let Some(path) = &arguments.report {
-        output::check_file(path)?;
-    }
+    let outputs = Outputs::of(common).with("--report", arguments.report.as_ref()).check()?;
     let found = open_all(&arguments.input, arguments.format).or_input()?;
+    for scene in &found.scenes {
+        outputs.spare(scene.files().iter().map(PathBuf::as_path))?;
+    }
     let settings = CheckSettings { pairs: arguments.pairs, seed: arguments.seed, ..CheckSettings::default() };
     let several = found.scenes.len() > 1;
     let mut reports: Vec<CheckReport> = Vec::with_capacity(found.scenes.len());
@@ -72,9 +74,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         let report = check(scene, &settings)?;
         show(&report);
         if let Some(path) = &arguments.report {
-            let path = if several { named(path, &report.name) } else { path.clone() };
+            let path = if several { of_scene(path, &report.name) } else { path.clone() };
             output::write_text(&path, &layout_html(&report))?;
-            print_line(&format!("report     {}", path.display()));
+            print_line(&format!("report     {}", named(&path)));
         }
         reports.push(report);
     }
@@ -88,7 +90,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         let config = Settings { pairs: settings.pairs, corners: settings.corners, seed: settings.seed };
         let dropped = found.dropped.into_iter();
         let record = Record {
-            recipe: Recipe::of_this_run(arguments.seed, threads(), config),
+            recipe: crate::recipe(arguments.seed, config),
             scenes: reports,
             dropped: dropped
                 .map(|entry| Dropped { name: entry.key, reason: entry.reason, failed: true })
@@ -134,7 +136,7 @@ fn show(report: &CheckReport) {
 }
 
 /// `check.html` of the scene `room0` is `check-room0.html`.
-fn named(path: &Path, scene: &str) -> PathBuf {
+fn of_scene(path: &Path, scene: &str) -> PathBuf {
     let part = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
     let scene = scene.replace(['/', '\\'], "_");
     path.with_file_name(format!("{}-{scene}.{}", part(path.file_stem()), part(path.extension())))

@@ -1,5 +1,7 @@
 //! Data sets by name: which layouts they come in, and where they are had.
 
+use crate::arguments::Given;
+use crate::failure::Outcome;
 use clap::ValueEnum;
 use serde::Serialize;
 use std::path::Path;
@@ -41,6 +43,24 @@ impl Dataset {
             Self::Re10k => Format::Re10k,
             Self::Simulated => return None,
         })
+    }
+
+    /// Refuses settings of simulated scenes with a data set, and those of a data set with simulated scenes.
+    pub(crate) fn refuse_without_effect(self, given: &Given) -> Outcome {
+        if self != Self::Simulated {
+            return given.refuse(
+                &["scenes", "wild-scenes", "first-seed"],
+                "it is for simulated scenes, and --dataset names another data set",
+            );
+        }
+        given.refuse(
+            &["root", "index", "views", "windows"],
+            if given.has("dataset") {
+                "it is for data sets on disk, and --dataset simulated needs none: give --dataset LAYOUT, such as nerfstudio or colmap"
+            } else {
+                "it is for data sets on disk, and without --dataset LAYOUT (such as nerfstudio or colmap) scenes are simulated"
+            },
+        )
     }
 
     /// What is expected below --root, and where it is had.

@@ -3,9 +3,9 @@
 use crate::arguments::{Common, Pipeline, Range, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
 use crate::progress::{Progress, describe};
-use crate::summary::{counts_line, memory_line, print, print_line, refinement_line, seconds_line};
-use crate::{output, threads};
+use crate::summary::{counts_line, memory_line, print, print_line, refinement_line, seconds_line, shortfall};
 use clap::Args;
 use evaluate::{
     Picture, PictureLimits, Recipe, Report, SIMULATED_SIZE, SimulatedScene, WindowRow, figures_table, means,
@@ -32,7 +32,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
     /// Seed of the sampling
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
     #[command(flatten)]
     pipeline: Pipeline,
@@ -57,7 +57,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         ));
     }
     output::check_folder(&arguments.output)?;
-    let method = arguments.pipeline.method(arguments.seed)?;
+    let method = arguments.pipeline.method(arguments.seed, &common.given)?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
     let progress = Progress::new(1);
@@ -91,7 +91,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
 
     let peak = peak_rss_bytes();
-    let recipe = Recipe::of_this_run(arguments.seed, threads(), &method);
+    let recipe = crate::recipe(arguments.seed, &method);
     let row = WindowRow::new(&window, vec![outcome.figures.clone()]);
     let mut report = Report::new(
         "SparseSplat demo",
@@ -112,6 +112,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     output::write_json(&arguments.output.join("result.json"), &record)?;
     if let Some(path) = &common.json {
         output::write_json(path, &record)?;
+    }
+    if let Some(warning) = shortfall(&outcome.figures, &method) {
+        progress.warn(&warning);
     }
     drop(progress);
 

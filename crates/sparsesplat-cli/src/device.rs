@@ -1,7 +1,9 @@
 //! What pictures are rendered on.
 
 use crate::arguments::Device;
+use crate::driver;
 use crate::failure::{Failure, Outcome};
+use crate::summary::warn;
 use gs_raster::gpu::AdapterDescription;
 use gs_raster::{Error, Rasterizer};
 use serde::Serialize;
@@ -15,13 +17,13 @@ pub(crate) fn rasterizer(device: Device) -> Outcome<Rasterizer> {
         Device::Gpu => gs_raster::Device::Gpu,
         Device::Cpu => gs_raster::Device::Cpu,
     };
-    let rasterizer = Rasterizer::new(choice).map_err(|error| match error {
+    let rasterizer = driver::quietly(|| Rasterizer::new(choice)).map_err(|error| match error {
         // A GPU was asked for where there is none.
         Error::NoAdapter { .. } => Failure::Input(error.into()),
         _ => Failure::Work(error.into()),
     })?;
     if let Some(error) = rasterizer.fallback().filter(|error| !matches!(error, Error::NoAdapter { .. })) {
-        eprintln!("warning: rendering on the CPU: {}", with_causes(error));
+        warn(&format!("rendering on the CPU: {}", with_causes(error)));
     }
     Ok(rasterizer)
 }

@@ -67,7 +67,7 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
     lines.iter().for_each(|line| print_line(line));
     let gpu_failed = gpus.failed();
     if let Some(path) = &common.json {
-        let recipe = Recipe::of_this_run(0, threads(), ());
+        let recipe = crate::recipe(0, ());
         let simd = Isa::available().into_iter().map(Isa::name).collect();
         let gpu = gpus.automatic().map(str::to_owned);
         let passed = passed && !gpu_failed;

@@ -4,10 +4,11 @@ use crate::arguments::{Common, LpipsWeights, Pipeline, Range, scenes, seeds};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
+use crate::output::{Outputs, named};
 use crate::progress::{Progress, describe};
-use crate::source::{Planned, Source};
+use crate::source::{Planned, Source, files_of};
 use crate::summary::{print, print_line};
-use crate::{output, threads};
 use clap::Args;
 use evaluate::{
     Evaluation, Event, GeometryCache, Method, PictureLimits, Reading, Recipe, Report, evaluate,
@@ -43,7 +44,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0)]
     scenes: usize,
     /// Seeds of the sampling; with several the table shows mean and spread
-    #[arg(long, value_delimiter = ',', default_value = "0")]
+    #[arg(long, value_delimiter = ',', default_value = "0", allow_negative_numbers = true)]
     seeds: Vec<u64>,
     /// Write a report with pictures
     #[arg(long, value_name = "PATH")]
@@ -74,26 +75,34 @@ struct Record<'a, C> {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    if let Some(path) = &arguments.report {
-        output::check_file(path)?;
-    }
-    if let Some(path) = &arguments.refine_plot {
-        output::check_file(path)?;
-        if arguments.pipeline.refine.is_none() && arguments.pipeline.refine_seconds.is_none() {
-            return Err(Failure::input("--refine-plot needs --refine STEPS or --refine-seconds S"));
-        }
+    let outputs = Outputs::of(common)
+        .with("--report", arguments.report.as_ref())
+        .with("--refine-plot", arguments.refine_plot.as_ref())
+        .check()?;
+    if arguments.refine_plot.is_some()
+        && arguments.pipeline.refine.is_none()
+        && arguments.pipeline.refine_seconds.is_none()
+    {
+        return Err(Failure::input("--refine-plot needs --refine STEPS or --refine-seconds S"));
     }
     let seeds = seeds(&arguments.seeds);
     let depth_hint = arguments.pipeline.depth_range == Range::Hint;
-    let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint)?;
+    let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint, &common.given)?;
     let Planned { plans, dropped: unread, reading } = planned;
+    outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
+    outputs.spare(
+        arguments.source.files().chain(arguments.pipeline.source.files()).chain(arguments.lpips.paths()),
+    )?;
 
     let cache = arguments.cache.clone().map(|folder| GeometryCache { folder });
     if let Some(cache) = &cache {
         output::check_folder(&cache.folder)?;
     }
-    let method =
-        Method { curve: arguments.refine_plot.is_some(), cache, ..arguments.pipeline.method(seeds[0])? };
+    let method = Method {
+        curve: arguments.refine_plot.is_some(),
+        cache,
+        ..arguments.pipeline.method(seeds[0], &common.given)?
+    };
     let lpips = arguments.lpips.read()?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
@@ -106,7 +115,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         // Once for all windows of a scene.
         let scene = plan.name().rsplit_once('/').map_or(plan.name(), |(scene, _)| scene);
         if told != scene {
-            progress.warn_of_ledger(scene, plan.ledger());
+            progress.warn_of_data(scene, plan);
         }
         told = scene;
     }
@@ -143,6 +152,12 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         true,
     );
     print(&if arguments.markdown { table.to_markdown() } else { table.to_text() });
+    for window in evaluation.windows.iter().filter(|window| window.targets.is_empty()) {
+        print_line(&format!(
+            "{}: - stands where nothing is held out: fewer --views leave photographs to measure on, or an index names some",
+            window.name
+        ));
+    }
     let scenes: Vec<&str> = evaluation.scenes.iter().map(|scene| scene.name.as_str()).collect();
     print_line(&format!("scenes     {}: {}", scenes.len(), scenes.join(", ")));
     print_line(&format!("data       sha256 {}", evaluation.data_sha256));
@@ -151,7 +166,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     let peak = peak_rss_bytes();
     let settings = Settings { seeds: &seeds, reading, method: &method };
-    let recipe = Recipe::of_this_run(seeds[0], threads(), settings);
+    let recipe = crate::recipe(seeds[0], settings);
     if let Some(path) = &common.json {
         let record =
             Record { recipe: &recipe, evaluation: &evaluation, device: &device, peak_rss_bytes: peak };
@@ -166,11 +181,11 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         report
             .table(&table, "PSNR in dB and SSIM of held-out targets; gain over the nearest photograph in dB");
         output::write_text(path, &report.to_html(&output::to_json(&recipe)?))?;
-        print_line(&format!("report     {}", path.display()));
+        print_line(&format!("report     {}", named(path)));
     }
     if let Some(path) = &arguments.refine_plot {
         output::write_text(path, &refinement_plot(&evaluation.windows))?;
-        print_line(&format!("plot       {}", path.display()));
+        print_line(&format!("plot       {}", named(path)));
     }
     match evaluation.dropped.iter().filter(|dropped| dropped.failed).count() {
         0 => Ok(()),

@@ -49,12 +49,38 @@ impl Failure {
     }
 }
 
-/// The error with its causes, on one line.
+/// The argument that does what the error of a library advises: libraries know nothing of arguments.
+fn argument(error: &anyhow::Error) -> Option<&'static str> {
+    error.chain().find_map(|cause| {
+        let cause = cause.downcast_ref().map_or(cause, |error: &evaluate::Error| match error {
+            evaluate::Error::Data(error) => error,
+            other => other,
+        });
+        if let Some(error) = cause.downcast_ref::<view_data::Error>() {
+            return match error {
+                view_data::Error::MixedSizes { .. } => Some("--size WxH"),
+                view_data::Error::TooFewFrames { .. } => Some("--views N"),
+                view_data::Error::Disconnected { connected, .. } if *connected >= 2 => Some("--views N"),
+                _ => None,
+            };
+        }
+        if let Some(evaluate::Error::NoDepthHint { .. }) = cause.downcast_ref() {
+            return Some("--depth-range estimate or NEAR,FAR");
+        }
+        if let Some(evaluate::tradeoff::SweepError::Scheduler { .. }) = cause.downcast_ref() {
+            return Some("--shard I/N");
+        }
+        None
+    })
+}
+
+/// The error with its causes, on one line, and the argument that helps.
 impl Display for Failure {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Input(error) | Self::Work(error) => {
-                write!(f, "{}", format!("{error:#}").replace('\n', " "))
+                write!(f, "{}", format!("{error:#}").replace('\n', " "))?;
+                argument(error).map_or(Ok(()), |argument| write!(f, " ({argument})"))
             }
             Self::Explained(text) => f.write_str(text),
         }

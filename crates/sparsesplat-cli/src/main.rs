@@ -10,6 +10,7 @@ mod datasets;
 mod demo;
 mod device;
 mod doctor;
+mod driver;
 mod eval;
 mod failure;
 mod output;
@@ -25,8 +26,8 @@ mod tradeoff;
 mod train;
 mod weights;
 
-use arguments::Common;
-use clap::{Parser, Subcommand};
+use arguments::{Common, Given};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use failure::{Failure, OrFail, Outcome};
 use std::process::ExitCode;
 
@@ -74,11 +75,14 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    match run(&cli) {
+    let command = Cli::command();
+    let matches = command.clone().get_matches();
+    let mut cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    cli.common.given = Given::of(&command, &matches);
+    match run(&cli).and_then(|()| summary::finish()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {failure}");
+            summary::tell(&format!("error: {failure}\n"));
             ExitCode::from(failure.code())
         }
     }
@@ -90,9 +94,7 @@ fn run(cli: &Cli) -> Outcome {
     if let Some(threads) = common.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().or_work()?;
     }
-    if let Some(path) = &common.json {
-        output::check_file(path)?;
-    }
+    output::Outputs::of(common).check()?;
     match &cli.command {
         Command::Demo(arguments) => demo::run(arguments, common),
         Command::Reconstruct(arguments) => reconstruct::run(arguments, common),
@@ -110,6 +112,14 @@ fn run(cli: &Cli) -> Outcome {
     }
 }
 
+/// What a figure is made with, for the head of a JSON file.
+fn recipe<C: serde::Serialize>(seed: u64, config: C) -> evaluate::Recipe<C> {
+    evaluate::Recipe::of_this_run(BUILT_FROM, seed, threads(), config)
+}
+
+/// Commit that this binary was built from, by the build script; `unknown` where that was no checkout.
+const BUILT_FROM: &str = env!("SPARSESPLAT_COMMIT");
+
 /// Threads that work.
 fn threads() -> usize {
     rayon::current_num_threads()
@@ -118,7 +128,6 @@ fn threads() -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_well_formed() {

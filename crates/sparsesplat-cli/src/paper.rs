@@ -2,7 +2,7 @@
 
 use crate::arguments::{AllocationName, Common};
 use crate::failure::Outcome;
-use crate::output;
+use crate::output::{self, Outputs, named};
 use crate::summary::{print, print_line};
 use crate::sweep::Sweeping;
 use clap::{Args, ValueEnum};
@@ -72,13 +72,13 @@ struct Record<'a> {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    if let Some(path) = &arguments.markdown {
-        output::check_file(path)?;
-    }
+    let outputs = Outputs::of(common).with("--markdown", arguments.markdown.as_ref()).check()?;
     let tables: Vec<PaperTable> = arguments.tables.iter().map(|name| name.table()).collect();
     let compares = tables.iter().any(|table| table.compares_allocations());
     let allocations = if compares { AllocationName::all() } else { Vec::new() };
-    let Some(swept) = arguments.sweeping.run(Extent::Paper, &allocations, common)? else { return Ok(()) };
+    let Some(swept) = arguments.sweeping.run(Extent::Paper, &allocations, &outputs, common)? else {
+        return Ok(());
+    };
     let summary = &swept.summary;
     let tables: Vec<Comparison> = tables.into_iter().map(|table| Comparison::new(table, summary)).collect();
     for table in &tables {
@@ -107,7 +107,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             text += &format!("\n## {title}\n\n{}", comparison_markdown(table, summary));
         }
         output::write_text(path, &text)?;
-        print_line(&format!("document   {}", path.display()));
+        print_line(&format!("document   {}", named(path)));
     }
     swept.verdict()
 }

@@ -1,5 +1,6 @@
 //! Progress on standard error, where it is a terminal.
 
+use crate::summary::{tell, warn};
 use evaluate::Step;
 use indicatif::{ProgressBar, ProgressStyle};
 use sparsesplat::Stage;
@@ -36,11 +37,22 @@ impl Progress {
 
     /// Something that must not be overlooked, on a line of its own; said without a terminal, too.
     pub(crate) fn warn(&self, what: &str) {
-        self.0.suspend(|| eprintln!("warning: {what}"));
+        self.0.suspend(|| warn(what));
+    }
+
+    /// What a user should know of a scene's data: what they list and is not used, and in which frame the result is.
+    pub(crate) fn warn_of_data(&self, scene: &str, plan: &evaluate::Plan) {
+        if let Some([x, y, z]) = plan.offset() {
+            self.warn(&format!(
+                "{scene}: lies far from the origin, where the 32-bit numbers of a PLY file are too coarse: ({x}, {y}, {z}) was subtracted \
+                 from all positions; add it to those of the scene to bring them back into the world of the data"
+            ));
+        }
+        self.warn_of_ledger(scene, plan.ledger());
     }
 
     /// What a data set lists and does not use: the first few, and how many more.
-    pub(crate) fn warn_of_ledger(&self, scene: &str, ledger: &[view_data::Dropped]) {
+    fn warn_of_ledger(&self, scene: &str, ledger: &[view_data::Dropped]) {
         const SHOWN: usize = 5;
         for entry in ledger.iter().take(SHOWN) {
             self.warn(&format!("{scene}: not used: {}: {}", entry.key, entry.reason));
@@ -52,7 +64,7 @@ impl Progress {
 
     /// A line of its own that stays.
     pub(crate) fn line(&self, what: &str) {
-        self.0.suspend(|| eprintln!("{what}"));
+        self.0.suspend(|| tell(&format!("{what}\n")));
     }
 
     /// So many steps were done before.

@@ -3,9 +3,12 @@
 use crate::arguments::{Common, Pipeline, Range, positive, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
+use crate::output::{Outputs, named};
 use crate::progress::{Progress, describe};
-use crate::summary::{counts_line, memory_line, print_line, refinement_line, seconds_line};
-use crate::{output, threads};
+use crate::summary::{
+    counts_line, held_out_line, memory_line, print_line, refinement_line, seconds_line, shortfall,
+};
 use clap::Args;
 use evaluate::{
     Choice, PictureLimits, Plan, Reading, Recipe, Report, Step, WindowFigures, peak_rss_bytes,
@@ -51,7 +54,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
     /// Seed of the sampling
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
     /// Measure held-out views (frames between the chosen ones, or the window's targets) and write a report with pictures
     #[arg(long, value_name = "PATH")]
@@ -67,6 +70,8 @@ struct Record<'a, C> {
     name: &'a str,
     views: usize,
     choice: Option<&'a Choice>,
+    /// What was subtracted from the positions of the data; the scene lacks it.
+    offset: Option<[f64; 3]>,
     #[serde(flatten)]
     figures: &'a WindowFigures,
     /// None if nothing was rendered.
@@ -75,10 +80,10 @@ struct Record<'a, C> {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    output::check_file(&arguments.output)?;
-    if let Some(path) = &arguments.report {
-        output::check_file(path)?;
-    }
+    let outputs = Outputs::of(common)
+        .with("--output", Some(&arguments.output))
+        .with("--report", arguments.report.as_ref())
+        .check()?;
     let depth_hint = arguments.pipeline.depth_range == Range::Hint;
     let reading = Reading { format: arguments.format, size: arguments.size, depth_hint };
     let plan = match (&arguments.index, &arguments.window) {
@@ -86,7 +91,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         _ => Plan::selection(&arguments.input, arguments.views, reading),
     }
     .or_input()?;
-    let mut method = arguments.pipeline.method(arguments.seed)?;
+    outputs.spare(plan.files().iter().map(PathBuf::as_path))?;
+    outputs.spare(arguments.index.as_deref().into_iter().chain(arguments.pipeline.source.files()))?;
+    let mut method = arguments.pipeline.method(arguments.seed, &common.given)?;
     method.predict.depth_range = plan.depth_range(method.predict.depth_range);
 
     // Nobody waits for a GPU that has nothing to do.
@@ -94,7 +101,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut rasterizer = if renders { device::rasterizer(common.device)? } else { Rasterizer::cpu() };
     let device = renders.then(|| UsedDevice::of(&rasterizer));
     let progress = Progress::new(1);
-    progress.warn_of_ledger(plan.name(), plan.ledger());
+    progress.warn_of_data(plan.name(), &plan);
     progress.say(describe(Step::Load));
     let window = plan.load(arguments.report.is_some()).or_input()?;
     let mut on_step = |step| progress.say(describe(step));
@@ -105,13 +112,13 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     .map_err(Failure::sorted)?;
     progress.say("writing");
     let begin = Instant::now();
-    gs_scene::write_ply(&arguments.output, &outcome.prediction.gaussians).or_work()?;
+    output::write_scene(&arguments.output, &outcome.prediction.gaussians)?;
     let seconds = &mut outcome.figures.figures.seconds;
     seconds.write = begin.elapsed().as_secs_f64();
     seconds.total += seconds.write;
 
     let peak = peak_rss_bytes();
-    let recipe = Recipe::of_this_run(arguments.seed, threads(), &method);
+    let recipe = crate::recipe(arguments.seed, &method);
     if let Some(path) = &arguments.report {
         let mut report = Report::new("SparseSplat reconstruction", "Posed photographs in, 3D Gaussians out.");
         report.headline(&outcome.figures.figures, peak);
@@ -124,11 +131,15 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             name: &window.name,
             views: window.context.len(),
             choice: plan.choice(),
+            offset: plan.offset(),
             figures: &outcome.figures,
             device: device.as_ref(),
             peak_rss_bytes: peak,
         };
         output::write_json(path, &record)?;
+    }
+    if let Some(warning) = shortfall(&outcome.figures, &method) {
+        progress.warn(&warning);
     }
     drop(progress);
 
@@ -138,17 +149,22 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         print_line(&format!("coverage   {:.0} % of the frames are left uncovered", 100.0 * uncovered));
     }
     print_line(&counts_line(&outcome.figures));
-    if let Some(line) = refinement_line(&outcome.figures) {
+    for line in [refinement_line(&outcome.figures), held_out_line(&outcome.figures)].into_iter().flatten() {
         print_line(&line);
+    }
+    if arguments.report.is_some() && window.targets.is_empty() {
+        print_line(
+            "held out   nothing is measured: no photographs lie between the chosen ones; fewer --views leave some",
+        );
     }
     print_line(&seconds_line(&outcome.figures));
     print_line(&memory_line(peak));
     if let Some(device) = &device {
         print_line(&device.line());
     }
-    print_line(&format!("scene      {}", arguments.output.display()));
+    print_line(&format!("scene      {}", named(&arguments.output)));
     if let Some(path) = &arguments.report {
-        print_line(&format!("report     {}", path.display()));
+        print_line(&format!("report     {}", named(path)));
     }
     Ok(())
 }

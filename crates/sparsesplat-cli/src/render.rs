@@ -2,18 +2,21 @@
 
 use crate::arguments::{Common, size};
 use crate::device::{self, UsedDevice};
-use crate::failure::{OrFail, Outcome};
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
+use crate::output::Outputs;
 use crate::progress::Progress;
-use crate::summary::{memory_line, print_line};
-use crate::{output, threads};
+use crate::summary::{memory_line, print_line, warn};
 use clap::Args;
 use evaluate::{
     DepthScale, Picture, Recipe, Rendered, count, peak_rss_bytes, render_ellipsoids, render_view,
 };
 use gs_scene::{Camera, Intrinsics};
 use serde::Serialize;
+use std::collections::HashMap;
 use std::path::PathBuf;
 use std::time::Instant;
+use view_data::Dataset;
 
 /// Render a scene from given cameras: colour, opacity and depth
 ///
@@ -47,6 +50,8 @@ pub(crate) struct Arguments {
 struct Record {
     recipe: Recipe<()>,
     gaussians: usize,
+    /// Gaussians that cannot be drawn: their stored numbers are not finite, or overflow.
+    rejected: usize,
     views: Vec<ViewRecord>,
     device: UsedDevice,
     peak_rss_bytes: Option<u64>,
@@ -63,7 +68,21 @@ struct ViewRecord {
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let gaussians = gs_scene::read_ply(&arguments.scene).or_input()?;
-    let cameras = cameras(arguments)?;
+    let dataset = view_data::open(&arguments.cameras, None).or_input()?;
+    let cameras = cameras(arguments, &dataset)?;
+    if let Some(offset) = dataset.offset {
+        warn(&format!(
+            "{}: lies far from the origin: ({}, {}, {}) was subtracted from all positions, as it is when scenes are made of these data",
+            dataset.name, offset.x, offset.y, offset.z
+        ));
+    }
+    let pictures = pictures(arguments, &cameras)?;
+    let files = dataset.files();
+    pictures
+        .iter()
+        .flatten()
+        .fold(Outputs::of(common), |outputs, (_, path)| outputs.with("--output", Some(path)))
+        .spare(files.iter().chain([&arguments.scene]).map(PathBuf::as_path))?;
     output::check_folder(&arguments.output)?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
@@ -78,23 +97,32 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     let scale = DepthScale::of(rendered.iter().map(|(view, _)| view.depth.as_slice()));
     let mut views = Vec::with_capacity(cameras.len());
-    for ((name, camera), (view, seconds)) in cameras.iter().zip(&rendered) {
+    for (((name, camera), (view, seconds)), pictures) in cameras.iter().zip(&rendered).zip(pictures) {
         let (width, height) = (camera.width(), camera.height());
-        let mut files = Vec::new();
-        let mut save = |kind: &str, picture: Picture| {
-            files.push(arguments.output.join(format!("{name}{kind}.png")));
-            picture.save(&files[files.len() - 1]).or_work()
-        };
-        save("", Picture::of_image(&view.image))?;
-        save("-alpha", Picture::of_mask(width, height, &view.alpha))?;
-        save("-depth", Picture::of_depth(width, height, &view.depth, scale))?;
-        if arguments.ellipsoids {
-            let solid = render_ellipsoids(&mut rasterizer, &gaussians, camera).or_work()?;
-            save("-ellipsoids", Picture::of_image(&solid.image))?;
+        for (kind, path) in &pictures {
+            let picture = match kind {
+                Kind::Colour => Picture::of_image(&view.image),
+                Kind::Alpha => Picture::of_mask(width, height, &view.alpha),
+                Kind::Depth => Picture::of_depth(width, height, &view.depth, scale),
+                Kind::Ellipsoids => {
+                    let solid = render_ellipsoids(&mut rasterizer, &gaussians, camera).or_work()?;
+                    Picture::of_image(&solid.image)
+                }
+            };
+            picture.save(path).or_work()?;
         }
+        let files = pictures.into_iter().map(|(_, path)| path).collect();
         views.push(ViewRecord { name: name.clone(), width, height, seconds: *seconds, files });
     }
     drop(progress);
+    let rejected = rendered.iter().map(|(view, _)| view.rejected).max().unwrap_or(0);
+    if rejected > 0 {
+        warn(&format!(
+            "{}: {rejected} of {} Gaussians cannot be drawn: their stored numbers are not finite, or overflow",
+            arguments.scene.display(),
+            gaussians.len()
+        ));
+    }
     let peak = peak_rss_bytes();
     let total: f64 = rendered.iter().map(|(_, seconds)| seconds).sum();
     print_line(&format!("{} views of {} Gaussians", views.len(), count(gaussians.len() as f64)));
@@ -103,16 +131,61 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&device.line());
     print_line(&format!("pictures   {}", arguments.output.display()));
     if let Some(path) = &common.json {
-        let recipe = Recipe::of_this_run(0, threads(), ());
-        let record = Record { recipe, gaussians: gaussians.len(), views, device, peak_rss_bytes: peak };
+        let recipe = crate::recipe(0, ());
+        let record =
+            Record { recipe, gaussians: gaussians.len(), rejected, views, device, peak_rss_bytes: peak };
         output::write_json(path, &record)?;
     }
     Ok(())
 }
 
+/// What a picture shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Colour,
+    Alpha,
+    Depth,
+    Ellipsoids,
+}
+
+impl Kind {
+    /// What it adds to the name of the frame.
+    fn suffix(self) -> &'static str {
+        match self {
+            Self::Colour => "",
+            Self::Alpha => "-alpha",
+            Self::Depth => "-depth",
+            Self::Ellipsoids => "-ellipsoids",
+        }
+    }
+}
+
+/// The pictures of every camera, each with its file.
+fn pictures(arguments: &Arguments, cameras: &[(String, Camera)]) -> Outcome<Vec<Vec<(Kind, PathBuf)>>> {
+    let kinds = [Kind::Colour, Kind::Alpha, Kind::Depth, Kind::Ellipsoids];
+    let kinds = &kinds[..if arguments.ellipsoids { 4 } else { 3 }];
+    let mut taken: HashMap<PathBuf, &str> = HashMap::new();
+    let mut all = Vec::with_capacity(cameras.len());
+    for (name, _) in cameras {
+        let mut files = Vec::with_capacity(kinds.len());
+        for &kind in kinds {
+            let path = arguments.output.join(format!("{name}{}.png", kind.suffix()));
+            // A frame that is asked for twice gives the same pictures twice.
+            if let Some(other) = taken.insert(path.clone(), name).filter(|other| other != name) {
+                let file = path.display();
+                return Err(Failure::input(format!(
+                    "{file}: frames {other:?} and {name:?} both have a picture of this name: render them into two folders by --positions"
+                )));
+            }
+            files.push((kind, path));
+        }
+        all.push(files);
+    }
+    Ok(all)
+}
+
 /// Names and cameras to look from.
-fn cameras(arguments: &Arguments) -> Outcome<Vec<(String, Camera)>> {
-    let dataset = view_data::open(&arguments.cameras, None).or_input()?;
+fn cameras(arguments: &Arguments, dataset: &Dataset) -> Outcome<Vec<(String, Camera)>> {
     let all: Vec<usize> = (0..dataset.frames.len()).collect();
     let positions = if arguments.positions.is_empty() { &all } else { &arguments.positions };
     let camera = |&position: &usize| {

@@ -2,9 +2,10 @@
 
 use crate::arguments::{Common, positive, size};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
+use crate::output::Outputs;
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
-use crate::{output, threads};
 use clap::{Args, ValueEnum};
 use evaluate::{Recipe, count, peak_rss_bytes};
 use gs_scene::Camera;
@@ -34,7 +35,7 @@ pub(crate) struct Arguments {
     #[arg(required_unless_present = "seed")]
     scene: Option<PathBuf>,
     /// Seed of the pictures and, without SCENE, of the generated scene [default: 0]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Kind of the generated scene [default: any]
     #[arg(long, value_enum, requires = "seed", conflicts_with = "scene")]
@@ -155,8 +156,10 @@ struct Job {
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     output::check_folder(arguments.output.parent().unwrap_or(Path::new("")))?;
-    if let Some(path) = &arguments.write_scene {
-        output::check_file(path)?;
+    let outputs = Outputs::of(common).with("--write-scene", arguments.write_scene.as_ref()).check()?;
+    outputs.spare([&arguments.scene, &arguments.photographs].into_iter().flatten().map(PathBuf::as_path))?;
+    if arguments.format == FormatName::Replica && arguments.pictures != PictureName::Jpeg {
+        common.given.refuse(&["pictures"], "pictures of the layout replica are JPEG files")?;
     }
     let jobs = jobs(arguments)?;
     if let (Some(path), [job]) = (&arguments.write_scene, jobs.as_slice()) {
@@ -194,7 +197,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&format!("data       {}", arguments.output.display()));
     if let Some(path) = &common.json {
         let settings = jobs.iter().map(|job| (job.seed, job.photographs.clone())).collect::<Vec<_>>();
-        let recipe = Recipe::of_this_run(jobs[0].seed, threads(), settings);
+        let recipe = crate::recipe(jobs[0].seed, settings);
         output::write_json(path, &Record { recipe, scenes: records, peak_rss_bytes: peak_rss_bytes() })?;
     }
     Ok(())

@@ -1,13 +1,13 @@
 //! Which windows a command measures on.
 
-use crate::arguments::{positive, size};
+use crate::arguments::{Given, positive, size};
 use crate::datasets::Dataset;
 use crate::failure::{Failure, Outcome};
 use clap::Args;
 use evaluate::{Dropped, Plan, Reading, SIMULATED_SIZE, SimulatedScene, Windows};
 use scene_sim::Kind;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Where windows come from, and how their pictures are read.
 #[derive(Debug, Clone, Args)]
@@ -18,11 +18,11 @@ pub(crate) struct Source {
     /// Context and target views of each window [default: evaluation_index.json in the folder of each scene, if there is one]
     #[arg(long, value_name = "FILE", requires = "root")]
     index: Option<PathBuf>,
-    /// Context views where there is no index
+    /// Context views; evaluation_index.json in the folder of a scene then is not used
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6)]
     views: usize,
-    /// Where there is no index, so many windows along the path of each scene [default: 3 for videos, else one of views chosen by
-    /// their overlap]
+    /// So many windows along the path of each scene; evaluation_index.json in its folder then is not used [default: 3 for videos, else
+    /// one of views chosen by their overlap]
     #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "index")]
     windows: Option<usize>,
     /// Scale and crop photographs to this size [default: their size on disk]
@@ -49,9 +49,30 @@ pub(crate) fn in_the_wild(seeds: Range<u64>, size: (usize, usize)) -> Vec<Plan> 
         .collect()
 }
 
+/// The files that windows are read from.
+pub(crate) fn files_of(plans: &[Plan]) -> Vec<PathBuf> {
+    // Windows of one scene lie side by side.
+    let mut files: Vec<PathBuf> = plans.iter().flat_map(Plan::files).collect();
+    files.sort_unstable();
+    files.dedup();
+    files
+}
+
 impl Source {
+    /// The files that are named.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+        self.index.as_deref().into_iter()
+    }
+
     /// The windows of a data set; `generated` simulated scenes stand beside that of the demo.
-    pub(crate) fn plan(&self, dataset: Dataset, generated: usize, depth_hint: bool) -> Outcome<Planned> {
+    pub(crate) fn plan(
+        &self,
+        dataset: Dataset,
+        generated: usize,
+        depth_hint: bool,
+        given: &Given,
+    ) -> Outcome<Planned> {
+        dataset.refuse_without_effect(given)?;
         let reading = Reading { format: None, size: self.size, depth_hint };
         if dataset == Dataset::Simulated {
             if depth_hint {
@@ -72,7 +93,9 @@ impl Source {
         let found = match &self.index {
             Some(index) => Plan::of_index(root, index, reading),
             None => {
-                let windows = Windows { views: self.views, along: self.windows };
+                // What is typed counts for more than a file that lies there.
+                let index = !given.has("views") && !given.has("windows");
+                let windows = Windows { views: self.views, along: self.windows, index };
                 Plan::below(root, windows, reading)
             }
         };

@@ -1,19 +1,20 @@
 //! A sweep as the command line asks for it: what `tradeoff` and `paper` have in common.
 
-use crate::arguments::{Common, LpipsWeights, Pipeline, Range, scenes, seeds};
+use crate::arguments::{Common, Given, LpipsWeights, Pipeline, Range, scenes, seeds};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
+use crate::output::Outputs;
 use crate::progress::{Progress, describe};
-use crate::source::{Planned, Source};
+use crate::source::{Planned, Source, files_of};
 use crate::summary::print_line;
-use crate::{output, threads};
 use anyhow::Context;
 use clap::Args;
 use evaluate::tradeoff::{
     self, Extent, Header, Journal, Pictures, Point, Shard, Shards, Summary, Sweep, points,
 };
-use evaluate::{Method, Plan, Reading, Recipe};
+use evaluate::{Method, Plan, Reading};
 use serde::Serialize;
 use serde_json::Value;
 use sparsesplat::{Allocation, Budget, Wanted};
@@ -33,7 +34,7 @@ pub(crate) struct Sweeping {
     #[arg(long, value_name = "N", value_parser = scenes(0))]
     scenes: Option<usize>,
     /// Seeds of the sampling; points that do not depend on the seed are measured once [default: 0,1,2, with --quick 0]
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_delimiter = ',', allow_negative_numbers = true)]
     seeds: Vec<u64>,
     /// Folder for finished points and pictures; a sweep resumes from it
     #[arg(short, long, value_name = "DIR")]
@@ -59,6 +60,8 @@ pub(crate) struct Swept {
     _folder: Option<Folder>,
 }
 
+/// What may be said beside --merge: where the tables go, and what is no setting of the measuring.
+const MERGED: &[&str] = &["merge", "tables", "report", "csv", "markdown", "json", "threads", "device"];
 /// Windows that a quick sweep takes.
 const QUICK_WINDOWS: usize = 2;
 /// Generated scenes of a full sweep.
@@ -71,9 +74,11 @@ impl Sweeping {
         &self,
         extent: Extent,
         allocations: &[Allocation],
+        outputs: &Outputs,
         common: &Common,
     ) -> Outcome<Option<Swept>> {
         if !self.merge.is_empty() {
+            common.given.refuse_all_but(MERGED, "--merge measures nothing")?;
             let Shards { header, entries } = Shards::read(&self.merge).or_input()?;
             let summary = Summary::new(&header, &entries);
             let pictures = Pictures::below(&self.merge);
@@ -82,13 +87,15 @@ impl Sweeping {
         let shard = self.shard()?;
         let depth_hint = self.pipeline.depth_range == Range::Hint;
         let scenes = self.scenes.unwrap_or(if extent == Extent::Quick { 0 } else { SCENES });
-        let mut planned = self.source.plan(self.dataset, scenes, depth_hint)?;
+        let mut planned = self.source.plan(self.dataset, scenes, depth_hint, &common.given)?;
         if extent == Extent::Quick {
             planned.plans.truncate(QUICK_WINDOWS);
         }
         let Planned { plans, dropped, reading } = planned;
+        outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
+        outputs.spare(self.source.files().chain(self.pipeline.source.files()).chain(self.lpips.paths()))?;
         let seeds = self.seeds(extent);
-        let points = self.points(extent, allocations, seeds[0])?;
+        let points = self.points(extent, allocations, seeds[0], &common.given)?;
         let lpips = self.lpips.read()?;
         let mut rasterizer = device::rasterizer(common.device)?;
         let settings = Settings {
@@ -103,7 +110,7 @@ impl Sweeping {
             build: if cfg!(debug_assertions) { "development" } else { "release" },
             binary_sha256: hash_of(&[std::env::current_exe().or_work()?])?.concat(),
         };
-        let recipe = Recipe::of_this_run(seeds[0], threads(), settings);
+        let recipe = crate::recipe(seeds[0], settings);
         let header = Header {
             recipe: serde_json::to_value(&recipe).or_work()?,
             shard,
@@ -184,8 +191,14 @@ impl Sweeping {
     }
 
     /// The points that the base leads to.
-    fn points(&self, extent: Extent, allocations: &[Allocation], seed: u64) -> Outcome<Vec<Point>> {
-        let base: Method = self.pipeline.method(seed)?;
+    fn points(
+        &self,
+        extent: Extent,
+        allocations: &[Allocation],
+        seed: u64,
+        given: &Given,
+    ) -> Outcome<Vec<Point>> {
+        let base: Method = self.pipeline.method(seed, given)?;
         if matches!(base.predict.budget, Budget::Tau(_)) {
             return Err(Failure::input(
                 "a sweep varies the count: --gaussians says the base's, --tau is not taken",

@@ -4,7 +4,7 @@ mod results;
 
 use crate::arguments::{AllocationName, Common};
 use crate::failure::Outcome;
-use crate::output;
+use crate::output::Outputs;
 use crate::sweep::Sweeping;
 use clap::Args;
 use evaluate::tradeoff::Extent;
@@ -55,18 +55,15 @@ struct Files {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    for path in arguments.files.all() {
-        output::check_file(path)?;
-    }
+    let files = &arguments.files;
+    let outputs = Outputs::of(common)
+        .with("--report", files.report.as_ref())
+        .with("--csv", files.csv.as_ref())
+        .with("--markdown", files.markdown.as_ref())
+        .check()?;
     let extent = if arguments.quick { Extent::Quick } else { Extent::Full };
-    match arguments.sweeping.run(extent, &AllocationName::all(), common)? {
+    match arguments.sweeping.run(extent, &AllocationName::all(), &outputs, common)? {
         Some(swept) => results::deliver(&swept, &arguments.files, common),
         None => Ok(()),
-    }
-}
-
-impl Files {
-    fn all(&self) -> impl Iterator<Item = &PathBuf> {
-        [&self.report, &self.csv, &self.markdown].into_iter().flatten()
     }
 }

@@ -1,18 +1,18 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, DepthSource, LpipsWeights, positive, scenes, size};
+use crate::arguments::{Common, DepthSource, Given, LpipsWeights, positive, scenes, size};
 use crate::datasets::Dataset;
-use crate::device;
+use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
-use crate::output;
+use crate::output::{self, Outputs};
 use crate::progress::Progress;
-use crate::source::{in_the_wild, simulated};
-use crate::summary::print_line;
+use crate::source::{files_of, in_the_wild, simulated};
+use crate::summary::{print_line, warn};
 use anyhow::Context;
 use attn_head::Weights;
 use clap::Args;
-use evaluate::{Picture, Plan, Reading, Recipe, Windows, training_plot};
-use gs_scene::Image;
+use evaluate::{Picture, Plan, Reading, Recipe, Windows, peak_rss_bytes, training_plot};
+use gs_scene::{Image, lock_file};
 use serde::Serialize;
 use std::fs;
 use std::io::Write;
@@ -110,21 +110,46 @@ struct Validation {
     validation: Vec<Score>,
 }
 
+/// What `--json` writes.
+#[derive(Serialize)]
+struct Record<C> {
+    recipe: Recipe<C>,
+    /// Steps of the whole run, and those of them that were skipped.
+    steps: usize,
+    skipped: usize,
+    /// Of this process.
+    seconds: f64,
+    windows: usize,
+    data_sha256: String,
+    weights: PathBuf,
+    /// Of the run's last validation; none if there was none.
+    validation: Option<serde_json::Value>,
+    device: UsedDevice,
+    peak_rss_bytes: Option<u64>,
+}
+
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let config = config(arguments.config.as_deref())?;
     if arguments.print_config {
         print_line(&ron::ser::to_string_pretty(&config, ron::ser::PrettyConfig::default()).or_work()?);
         return Ok(());
     }
+    let named = arguments.config.iter().chain(&arguments.from).map(PathBuf::as_path);
+    let outputs = Outputs::of(common);
+    outputs.spare(named.chain(arguments.lpips.paths()).chain(arguments.data.source.files()))?;
     let folder = arguments.output.as_deref().unwrap_or(Path::new("."));
-    output::check_folder(folder)?;
     let data = &arguments.data;
     let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
     data.keep_unseen(&held_out, "validated")?;
-    let cases = data.cases(&data.plans()?)?;
+    let mut run = Run::begin(folder, arguments.save_every, arguments.resume)?;
+    let plans = data.plans(&common.given)?;
+    outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
+    let cases = data.cases(&plans)?;
     let validation = data.cases(&simulated(held_out, data.size))?;
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
+    let (windows, data_sha256) = (cases.len(), cases.sha256().to_owned());
     let rasterizer = device::rasterizer(common.device)?;
+    let device = UsedDevice::of(&rasterizer);
     let mut trainer = Trainer::new(config, cases, rasterizer).or_work()?;
     if let Some(lpips) = arguments.lpips.read()? {
         trainer = trainer.with_lpips(lpips);
@@ -132,15 +157,25 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let earlier =
         arguments.from.iter().map(|path| Ok((path.display().to_string(), Weights::read(path).or_input()?)));
     trainer.start_from(&earlier.collect::<Outcome<Vec<_>>>()?).or_input()?;
-    let run = Run {
-        folder,
-        validation: Some((&validation, arguments.validate_every)),
-        save_every: arguments.save_every,
-        resume: arguments.resume,
-    };
+    run.validation = Some((&validation, arguments.validate_every));
     let begin = Instant::now();
     run.complete(&mut trainer)?;
     let (steps, skipped, seconds) = (trainer.steps(), trainer.skipped(), begin.elapsed().as_secs_f64());
+    if let Some(path) = &common.json {
+        let record = Record {
+            recipe: crate::recipe(trainer.config().seed, trainer.config()),
+            steps,
+            skipped,
+            seconds,
+            windows,
+            data_sha256,
+            weights: run.weights(),
+            validation: last_validation(&run.log())?,
+            device,
+            peak_rss_bytes: peak_rss_bytes(),
+        };
+        output::write_json(path, &record)?;
+    }
     print_line(&format!("trained    {steps} steps, {skipped} skipped, {seconds:.0} s"));
     print_line(&format!("weights    {}", run.weights().display()));
     Ok(())
@@ -148,17 +183,44 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
 /// Where a run keeps its files, and how often it looks up.
 pub(crate) struct Run<'a> {
-    pub(crate) folder: &'a Path,
+    folder: &'a Path,
     /// Held-out windows, and the steps between two looks at them.
-    pub(crate) validation: Option<(&'a Cases, usize)>,
-    pub(crate) save_every: usize,
-    pub(crate) resume: bool,
+    validation: Option<(&'a Cases, usize)>,
+    save_every: usize,
+    /// Keeps other processes out of the folder.
+    _lock: fs::File,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    /// Takes a folder, which is made, for this process alone. A run that is there already is gone on with only if that is wanted.
+    pub(crate) fn begin(folder: &'a Path, save_every: usize, resume: bool) -> Outcome<Self> {
+        output::check_folder(folder)?;
+        let path = folder.join("run.lock");
+        let lock = lock_file(&path).with_context(|| format!("{}: cannot lock", path.display())).or_work()?;
+        let Some(lock) = lock else {
+            return Err(Failure::input(format!(
+                "{}: another process is training in this folder: let it finish, or give another folder",
+                folder.display()
+            )));
+        };
+        let run = Self { folder, validation: None, save_every, _lock: lock };
+        let checkpoint = run.checkpoint();
+        if !resume && checkpoint.exists() {
+            return Err(Failure::input(format!(
+                "{}: a run is there already: --resume goes on with it, another --output begins anew",
+                checkpoint.display()
+            )));
+        }
+        Ok(run)
+    }
+
     /// The weights.
     pub(crate) fn weights(&self) -> PathBuf {
         self.folder.join("weights.safetensors")
+    }
+
+    fn log(&self) -> PathBuf {
+        self.folder.join("log.jsonl")
     }
 
     fn checkpoint(&self) -> PathBuf {
@@ -170,19 +232,12 @@ impl Run<'_> {
         let checkpoint = self.checkpoint();
         let begun = checkpoint.exists();
         if begun {
-            if !self.resume {
-                let checkpoint = checkpoint.display();
-                return Err(Failure::input(format!(
-                    "{checkpoint}: a run is there already: --resume goes on with it, another --output begins anew"
-                )));
-            }
             trainer.resume(&checkpoint).or_input()?;
             print_line(&format!("resumed    after step {}", trainer.steps()));
         }
         let config = trainer.config().clone();
-        let recipe = Recipe::of_this_run(config.seed, crate::threads(), config.clone());
-        let log_path = self.folder.join("log.jsonl");
-        let mut log = Log::open(&log_path, trainer.steps(), &recipe)?;
+        let recipe = crate::recipe(config.seed, config.clone());
+        let mut log = Log::open(&self.log(), trainer.steps(), &recipe)?;
         let progress = Progress::new(config.steps);
         progress.set(trainer.steps());
         let (mut psnr, mut loss) = (f64::NAN, f64::NAN);
@@ -279,7 +334,8 @@ impl Data {
     }
 
     /// The windows that are asked for.
-    pub(crate) fn plans(&self) -> Outcome<Vec<Plan>> {
+    pub(crate) fn plans(&self, given: &Given) -> Outcome<Vec<Plan>> {
+        self.dataset.refuse_without_effect(given)?;
         if self.dataset == Dataset::Simulated {
             let [clean, wild] = self.seeds();
             let mut plans = simulated(clean, self.size);
@@ -291,10 +347,10 @@ impl Data {
             return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
         };
         let reading = Reading { format: self.dataset.format(root), size: Some(self.size), depth_hint: false };
-        let (plans, dropped) =
-            Plan::below(root, Windows { views: 6, along: None }, reading).map_err(Failure::sorted)?;
+        let (plans, dropped) = Plan::below(root, Windows { views: 6, along: None, index: true }, reading)
+            .map_err(Failure::sorted)?;
         for dropped in dropped {
-            eprintln!("warning: dropped {}: {}", dropped.name, dropped.reason);
+            warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
         }
         Ok(plans)
     }
@@ -303,10 +359,27 @@ impl Data {
 /// Settings from a file; what it leaves out is as in the default.
 pub(crate) fn config(path: Option<&Path>) -> Outcome<Config> {
     let Some(path) = path else { return Ok(Config::default()) };
+    let named = || path.display().to_string();
     let text =
         fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_input()?;
     let options = ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
-    options.from_str(&text).with_context(|| path.display().to_string()).or_input()
+    let config: Config = options.from_str(&text).with_context(named).or_input()?;
+    config.check().with_context(named).or_input()?;
+    Ok(config)
+}
+
+/// The scores of the last validation in a log.
+fn last_validation(log: &Path) -> Outcome<Option<serde_json::Value>> {
+    let mut lines = lines_of(log)?;
+    let last = lines.iter_mut().rev().find_map(|line| line.get_mut("validation"));
+    Ok(last.map(serde_json::Value::take))
+}
+
+/// The lines of a log.
+fn lines_of(path: &Path) -> Outcome<Vec<serde_json::Value>> {
+    let text =
+        fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_work()?;
+    text.lines().map(serde_json::from_str).collect::<Result<_, _>>().or_work()
 }
 
 /// Scores at all densities; pictures at the first: photograph, head and closed form, one row per scene.
@@ -378,11 +451,7 @@ impl Log {
 
     /// What is logged so far as a plot.
     fn curve(&self) -> Outcome<String> {
-        let text = fs::read_to_string(&self.1)
-            .with_context(|| format!("{}: cannot read", self.1.display()))
-            .or_work()?;
-        let lines: Vec<serde_json::Value> =
-            text.lines().map(serde_json::from_str).collect::<Result<_, _>>().or_work()?;
+        let lines = lines_of(&self.1)?;
         let number =
             |value: &serde_json::Value, key: &str| value.get(key).and_then(serde_json::Value::as_f64);
         let steps = lines.iter().filter_map(|line| Some((number(line, "step")?, number(line, "loss")?)));

@@ -1,8 +1,6 @@
 //! The configured backbone: depth, and what else is wanted of it.
 
-#[cfg(not(feature = "depthsplat"))]
-use crate::Error;
-use crate::{Backbone, Config, Result};
+use crate::{Backbone, Config, Error, Result};
 use depth_backbone::{DepthBackbone, DepthRange, GivenDepth, PlaneSweep, ViewGeometry, Wanted};
 use gs_scene::View;
 use std::path::Path;
@@ -19,15 +17,39 @@ pub fn geometry(views: &[View], config: &Config, wanted: Wanted) -> Result<(Vec<
             (GivenDepth.estimate(views, wanted)?, range)
         }
         Backbone::PlaneSweep { planes } => {
+            check_parallax(views, config.depth_range)?;
             let (near, far) = stereo.depth_range(views)?;
             let sweep = PlaneSweep { range: DepthRange::Known { near, far }, planes: *planes, ..stereo };
             (sweep.estimate(views, wanted)?, (near, far))
         }
         Backbone::DepthSplat(weights) => {
+            check_parallax(views, config.depth_range)?;
             let range = stereo.depth_range(views)?;
             (network(weights, |network| Ok(network.estimate_within(views, range, wanted)?))?, range)
         }
     })
+}
+
+/// What the nearest content moves by between the cameras farthest apart, pixels, below which there is nothing to match.
+const LEAST_PARALLAX: f64 = 0.1;
+
+/// Refuses views that differ by rotation alone, of which a stated range would make a scene without meaning. One view is refused elsewhere.
+fn check_parallax(views: &[View], range: DepthRange) -> Result<()> {
+    let position = |view: &View| view.camera().position();
+    let distances = views.iter().flat_map(|a| views.iter().map(move |b| position(a).distance(position(b))));
+    let distance = distances.fold(0.0, f64::max);
+    let parallax = |near: f64| {
+        let focal = views.iter().map(|view| view.camera().intrinsics().fx).fold(0.0, f64::max);
+        focal * distance / near
+    };
+    let is_one_place = match range {
+        DepthRange::Known { near, .. } => parallax(near) < LEAST_PARALLAX,
+        DepthRange::Estimate => distance == 0.0,
+    };
+    if views.len() > 1 && is_one_place {
+        return Err(Error::NoParallax { views: views.len(), distance });
+    }
+    Ok(())
 }
 
 /// What tells results of one backbone from those of another: its name, and which weights it has, whatever their file is called.

@@ -5,6 +5,17 @@ pub enum Error {
     /// No depth.
     #[error(transparent)]
     Backbone(#[from] depth_backbone::Error),
+    /// Cameras in one place see no parallax.
+    #[error(
+        "all {views} views are taken from one place (at most {distance:.1e} scene units apart): stereo tells no depth there, whatever its \
+         range; move the camera between photographs, or give measured depth"
+    )]
+    NoParallax {
+        /// How many views.
+        views: usize,
+        /// Largest distance between two cameras, scene units.
+        distance: f64,
+    },
     /// A map or Gaussian that does not fit.
     #[error(transparent)]
     Scene(#[from] gs_scene::Error),
@@ -22,7 +33,7 @@ pub enum Error {
     Head(#[from] attn_head::Error),
     /// A closed form that cannot be rendered for the head's feedback.
     #[error(
-        "rendering the closed form into {view}, for the head's feedback: {source}; or take the closed-form head"
+        "the closed form cannot be rendered into {view} for the feedback of the learned head (the closed-form head needs none)"
     )]
     Feedback {
         /// Name of the view.

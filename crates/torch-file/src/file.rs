@@ -6,7 +6,7 @@ use crate::pickle::{MAX_DIMENSIONS, run};
 use crate::{Dtype, Error, Pickle, Result, Tensor, TorchRule as Rule, Value};
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// An open file of `torch.save`: the values are in memory, the storages are not.
@@ -42,6 +42,10 @@ impl TorchFile {
     /// If the file cannot be read or breaks a rule of its format.
     pub fn open(path: &Path) -> Result<Self> {
         let unreadable = |source| Error::Read { path: path.to_path_buf(), source };
+        // A FIFO would be waited for.
+        if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
+            return Err(unreadable(std::io::Error::new(ErrorKind::InvalidInput, "it is no regular file")));
+        }
         let mut file = File::open(path).map_err(unreadable)?;
         let length = file.metadata().map_err(unreadable)?.len();
         let mut head = Vec::new();

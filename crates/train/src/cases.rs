@@ -2,18 +2,20 @@
 //! step less.
 
 use crate::{Error, Result};
-use evaluate::{GeometryCache, Plan, Window, hexadecimal};
+use evaluate::{GeometryCache, Kept, KeptFault, KeptTensor, Plan, Window, hexadecimal, singles, write_kept};
 use glam::{DMat3, DVec3};
-use gs_scene::{Camera, DepthMap, Image, Intrinsics, View, write_atomically};
-use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use gs_scene::{Camera, DepthMap, Image, Intrinsics, View};
+use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use sparsesplat::{ViewGeometry, Wanted, backbone_identity};
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Changes when the layout of a file of views does.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
+
+/// What the files are.
+const KIND: &str = "case";
 
 /// A window, ready to be trained on.
 #[derive(Debug, Clone)]
@@ -174,7 +176,7 @@ impl Views {
             context: self.context.iter().map(posed).collect(),
             targets: self.targets.iter().map(posed).collect(),
         };
-        let mut tensors: Vec<(String, Dtype, Vec<usize>, Vec<u8>)> = Vec::new();
+        let mut tensors: Vec<KeptTensor> = Vec::new();
         let mut pictures = |kind: &str, views: &[View]| {
             for (i, view) in views.iter().enumerate() {
                 let (width, height) = (view.image().width(), view.image().height());
@@ -192,64 +194,36 @@ impl Views {
         };
         pictures("context", &self.context);
         pictures("targets", &self.targets);
-        let broken = |problem: String| Error::Broken { path: path.to_path_buf(), problem };
-        let views = tensors
-            .iter()
-            .map(|(name, dtype, shape, data)| {
-                Ok((
-                    name.as_str(),
-                    TensorView::new(*dtype, shape.clone(), data).map_err(|e| broken(e.to_string()))?,
-                ))
-            })
-            .collect::<Result<Vec<_>>>()?;
-        let header = serde_json::to_string(&header).map_err(|e| broken(e.to_string()))?;
-        let bytes = serialize(views, Some(HashMap::from([("case".to_owned(), header)])))
-            .map_err(|e| broken(e.to_string()))?;
-        Ok(write_atomically(path, |out| out.write_all(&bytes))?)
+        write_kept(path, KIND, &header, &tensors)
+            .map_err(|source| Error::CacheFile { path: path.to_path_buf(), source })
     }
 
     fn read(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
-        Self::from_bytes(&bytes).map_err(|problem| Error::Broken { path: path.to_path_buf(), problem })
-    }
-
-    fn from_bytes(bytes: &[u8]) -> std::result::Result<Self, String> {
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
-        let header = metadata.metadata().as_ref().and_then(|m| m.get("case")).ok_or("no header")?;
-        let header: Header = serde_json::from_str(header).map_err(|e| e.to_string())?;
-        let tensors = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
-        let tensor = |name: String, dtype: Dtype| -> std::result::Result<&[u8], String> {
-            let found = tensors.tensor(&name).map_err(|e| format!("{name}: {e}"))?;
-            if found.dtype() == dtype {
-                Ok(found.data())
-            } else {
-                Err(format!("{name}: {:?}", found.dtype()))
-            }
-        };
-        let views = |kind: &str, posed: &[Posed]| -> std::result::Result<Vec<View>, String> {
-            let view = |(i, posed): (usize, &Posed)| {
-                let bytes = tensor(format!("{kind}.{i}.image"), Dtype::U8)?;
-                let image = Image::from_rgb8(posed.lens.width, posed.lens.height, bytes)
-                    .map_err(|e| e.to_string())?;
-                let camera =
-                    Camera::new(posed.lens, posed.rotation, posed.translation).map_err(|e| e.to_string())?;
-                let name = format!("{kind}.{i}.depth");
-                let depth = if tensors.tensor(&name).is_ok() {
-                    let values =
-                        tensor(name, Dtype::F32)?.as_chunks::<4>().0.iter().map(|&v| f32::from_le_bytes(v));
-                    let depth = DepthMap::new(posed.lens.width, posed.lens.height, values.collect());
-                    Some(depth.map_err(|e| e.to_string())?)
-                } else {
-                    None
-                };
-                View::new(posed.name.clone(), image, camera, depth).map_err(|e| e.to_string())
+        let read = || {
+            let (header, kept): (Header, Kept) = Kept::read(path, KIND)?;
+            let views = |kind: &str, posed: &[Posed]| {
+                let all =
+                    posed.iter().enumerate().map(|(i, posed)| posed.view(&kept, &format!("{kind}.{i}")));
+                all.collect::<std::result::Result<Vec<View>, KeptFault>>()
             };
-            posed.iter().enumerate().map(view).collect()
+            let (context, targets) = (views("context", &header.context)?, views("targets", &header.targets)?);
+            Ok(Self { name: header.name, context, targets })
         };
-        Ok(Self {
-            name: header.name,
-            context: views("context", &header.context)?,
-            targets: views("targets", &header.targets)?,
-        })
+        read().map_err(|source| Error::CacheFile { path: path.to_path_buf(), source })
+    }
+}
+
+impl Posed {
+    /// The view whose tensors' names begin so.
+    fn view(&self, kept: &Kept, name: &str) -> std::result::Result<View, KeptFault> {
+        let (width, height) = (self.lens.width, self.lens.height);
+        let bytes = kept.expect(&format!("{name}.image"), Dtype::U8, &[height, width, 3])?;
+        let image = Image::from_rgb8(width, height, bytes).map_err(KeptFault::Scene)?;
+        let camera = Camera::new(self.lens, self.rotation, self.translation).map_err(KeptFault::Scene)?;
+        let depth = match kept.tensor(&format!("{name}.depth"), Dtype::F32, 2)? {
+            Some((_, bytes)) => Some(DepthMap::new(width, height, singles(bytes)).map_err(KeptFault::Scene)?),
+            None => None,
+        };
+        View::new(self.name.clone(), image, camera, depth).map_err(KeptFault::Scene)
     }
 }

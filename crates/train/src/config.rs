@@ -69,8 +69,15 @@ impl Default for Config {
     }
 }
 
+/// Most windows per step: more make a step that takes hours.
+const LARGEST_BATCH: usize = 1000;
+
 impl Config {
-    pub(crate) fn check(&self) -> Result<()> {
+    /// Whether every setting is within its range; [`Trainer::new`](crate::Trainer::new) asks as well.
+    ///
+    /// # Errors
+    /// If one is not.
+    pub fn check(&self) -> Result<()> {
         let refuse = |setting, found: String, expected| Err(Error::Setting { setting, found, expected });
         let [low, high] = self.density;
         if !(low > 0.0 && low <= high && high <= 1.0) {
@@ -91,6 +98,13 @@ impl Config {
                 "one that decides before the head: merging comes after it, trained is what is merged";
             return refuse("allocation", "merged".to_owned(), expected);
         }
+        if self.batch > LARGEST_BATCH {
+            return refuse(
+                "batch",
+                self.batch.to_string(),
+                "at most 1000 windows per step, which come one after the other",
+            );
+        }
         if self.batch == 0 || (self.targets, self.contexts) == (0, 0) {
             let found = format!("batch {}, {} targets, {} contexts", self.batch, self.targets, self.contexts);
             return refuse("batch, targets, contexts", found, "something to compare");
@@ -104,6 +118,8 @@ impl Config {
         if !(0.0..=1.0).contains(&self.keep_direction) {
             return refuse("keep_direction", self.keep_direction.to_string(), "a share from 0 to 1");
         }
+        // Of the features, which the backbone decides, any number will do here.
+        attn_head::Config { kind: self.head, geometry: 1, image: 1, neighbours: self.neighbours }.check()?;
         let Rates { learning_rate, last, clip, .. } = self.rates;
         if !(learning_rate > 0.0
             && learning_rate < 1.0

@@ -1,3 +1,4 @@
+use evaluate::KeptFault;
 use std::path::PathBuf;
 
 /// Why a head was not trained.
@@ -23,21 +24,27 @@ pub enum Error {
         /// Its name.
         window: String,
     },
-    /// A file cannot be read.
-    #[error("{}: cannot read", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// A file of the cache, or a checkpoint, is not what this code writes.
-    #[error("{}: {problem}: remove the file, it can be made again", path.display())]
-    Broken {
+    /// A file of the cache cannot be used.
+    #[error("{}: this file of the cache cannot be used: remove it, it is made again", path.display())]
+    CacheFile {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        problem: String,
+        #[source]
+        source: KeptFault,
+    },
+    /// A checkpoint cannot be used. Nothing makes it again.
+    #[error(
+        "{}: the run cannot be resumed from this checkpoint: put a copy of it in its place, or begin anew in another folder; weights beside \
+         it, if there are some, are a start",
+        path.display()
+    )]
+    Checkpoint {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What is wrong.
+        #[source]
+        source: KeptFault,
     },
     /// A checkpoint is of another run.
     #[error("{}: the checkpoint's {what} differs from this run's: resume with the same, or begin anew in another folder", path.display())]

@@ -155,7 +155,7 @@ fn a_run_that_is_resumed_ends_with_the_same_weights() {
     assert!(matches!(other.resume(&checkpoint), Err(Error::OtherRun { what: "configuration", .. })));
     let bytes = std::fs::read(&checkpoint).unwrap();
     std::fs::write(&checkpoint, &bytes[..bytes.len() / 2]).unwrap();
-    assert!(matches!(other.resume(&checkpoint), Err(Error::Broken { .. })));
+    assert!(matches!(other.resume(&checkpoint), Err(Error::Checkpoint { .. })));
 }
 
 #[test]
@@ -232,7 +232,7 @@ fn a_file_of_the_cache_that_is_cut_off_or_gone_is_named() {
     std::fs::remove_file(&geometry[0]).unwrap();
     assert!(trainer.cases.read(0).is_ok());
     std::fs::remove_file(&views[0]).unwrap();
-    assert!(matches!(trainer.cases.read(0), Err(Error::Read { .. })));
+    assert!(matches!(trainer.cases.read(0), Err(Error::CacheFile { .. })));
     let empty = Cases::open(&[], &sparsesplat::Config::default(), folder.path(), &mut |_, _| {});
     assert!(matches!(empty, Err(Error::NoWindows)));
 }

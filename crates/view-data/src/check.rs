@@ -117,6 +117,7 @@ pub fn check_data(
     let lens = verdict_files::judge_lenses(dataset, &mut findings);
     let depth_files = verdict_files::judge_depth_files(dataset, &scans, &mut findings);
     verdict_files::judge_ledger(dataset, &mut findings);
+    verdict_files::judge_offset(dataset, &mut findings);
 
     let thumbnails = scans.iter_mut().flatten().filter_map(|scan| scan.thumbnail.take()).collect();
     let scans: Vec<Option<&Scan>> = scans.iter().map(|scan| scan.as_ref().ok()).collect();

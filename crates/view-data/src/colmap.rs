@@ -93,6 +93,7 @@ pub fn open_colmap(path: &Path) -> Result<Dataset> {
         depth_percentiles: None,
         url: None,
         applied_transform: None,
+        offset: None,
         applied_scale: None,
         points: files.path("points3D").is_file().then_some(PointSource::Colmap { files, position_of }),
     })

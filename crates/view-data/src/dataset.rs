@@ -35,6 +35,9 @@ pub struct Dataset {
     pub applied_transform: Option<DAffine3>,
     /// The scale that the poses contain beside it (`applied_scale`).
     pub applied_scale: Option<f64>,
+    /// What was subtracted from all positions, cameras and points alike, where the scene lies far from the origin of its world: adding
+    /// it gives the positions of the files. Set by [`open`](crate::open) and [`open_all`](crate::open_all) alone.
+    pub offset: Option<DVec3>,
     /// Where the points of the scene are, if the layout has some; [`Dataset::points`] reads them.
     pub(crate) points: Option<PointSource>,
 }
@@ -126,7 +129,14 @@ impl Dropped {
 
     /// The entry of a frame without picture.
     pub(crate) fn missing_picture(frame: &Frame) -> Self {
-        Self::new(frame.name.clone(), format!("picture missing: {}", frame.image))
+        // A folder that may not be looked into hides its files, which then are not missing.
+        let reason = match std::fs::metadata(frame.image.path()) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                format!("picture cannot be read: {}: {error}", frame.image)
+            }
+            _ => format!("picture missing: {}", frame.image),
+        };
+        Self::new(frame.name.clone(), reason)
     }
 }
 
@@ -270,6 +280,7 @@ impl Dataset {
             dropped: Vec::new(),
             depth_percentiles: None,
             applied_transform: None,
+            offset: None,
             applied_scale: None,
             points: None,
         }
@@ -292,6 +303,30 @@ impl Dataset {
         frame.camera().map_err(|source| Error::View { frame: frame.name.clone(), source })
     }
 
+    /// The files that the data set is read from, as far as they are there: lists, cameras, pictures, depth, masks and points.
+    #[must_use]
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut files = vec![self.file.clone()];
+        for frame in &self.frames {
+            files.push(frame.image.path().to_path_buf());
+            files.extend(frame.depth.iter().map(|depth| depth.path.clone()));
+            files.extend(frame.mask_path.clone());
+        }
+        if let Some(PointSource::Ply(path)) = &self.points {
+            files.push(path.clone());
+        }
+        // What lies beside the list, or in the folder of the scene, and is read with it.
+        let beside = self.file.parent().unwrap_or(Path::new(""));
+        for folder in [beside, &self.root] {
+            files.extend(COMPANIONS.iter().map(|name| folder.join(name)));
+        }
+        files.extend(self.root.parent().map(|above| above.join("cam_params.json")));
+        files.retain(|file| file.is_file());
+        files.sort_unstable();
+        files.dedup();
+        files
+    }
+
     /// Positions of the frames whose pictures are there, increasing.
     #[must_use]
     pub fn present(&self) -> Vec<usize> {
@@ -310,6 +345,26 @@ impl Dataset {
         })
     }
 }
+
+/// Names of the files that some layout reads beside the list of its frames.
+const COMPANIONS: [&str; 16] = [
+    "transforms.json",
+    "evaluation_index.json",
+    "index.json",
+    "cam_params.json",
+    "cameras.bin",
+    "cameras.txt",
+    "images.bin",
+    "images.txt",
+    "points3D.bin",
+    "points3D.txt",
+    "rgb.txt",
+    "depth.txt",
+    "groundtruth.txt",
+    "camera.txt",
+    "calibration.txt",
+    "traj.txt",
+];
 
 /// The rotation nearest to a matrix that is one up to a uniform positive scale and rounded digits: the polar factor,
 /// by Newton's iteration X ← (X + X⁻ᵀ) / 2.

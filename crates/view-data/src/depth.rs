@@ -22,6 +22,10 @@ pub(crate) fn read_depth(path: &Path, frame: &str) -> Result<Counts> {
     if bytes.starts_with(&EXR) {
         return exr_depth::read(&bytes, path);
     }
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
+        let found = "a file that does not begin as EXR files do".to_owned();
+        return Err(Error::DepthFormat { path: path.to_path_buf(), found });
+    }
     match picture::decode(&source, &bytes)? {
         DynamicImage::ImageLuma16(depth) => {
             let (width, height) = (depth.width() as usize, depth.height() as usize);
@@ -39,8 +43,7 @@ pub(crate) fn size(path: &Path) -> Result<(usize, usize)> {
     let source = ImageSource::File(path.to_path_buf());
     let name = || path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut first = [0; 4];
-    let file =
-        std::fs::File::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut first));
+    let file = crate::files::open(path).and_then(|mut file| std::io::Read::read_exact(&mut file, &mut first));
     if file.is_ok() && first == EXR {
         let meta = MetaData::read_from_file(path, false);
         let meta = meta.map_err(|source| Error::Exr { path: path.to_path_buf(), source })?;

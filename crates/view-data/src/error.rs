@@ -41,8 +41,18 @@ pub enum Error {
         /// Each format and the files by which it is recognised.
         looked_for: Vec<String>,
     },
+    /// Pictures without poses, or what pictures could be made of.
+    #[error("{}: {found}; poses were looked for in {}", path.display(), looked_for.join("; "))]
+    NoPoses {
+        /// The file or folder.
+        path: PathBuf,
+        /// What lies there.
+        found: crate::Unposed,
+        /// Each format and the files by which it is recognised.
+        looked_for: Vec<String>,
+    },
     /// Several scenes, or none that can be read, where one is asked for.
-    #[error("{}: expected one scene, found {}", path.display(), scenes(names, dropped))]
+    #[error("{}: expected one scene, found {}; give the folder of one", path.display(), scenes(names, dropped))]
     NotOneScene {
         /// The file or folder.
         path: PathBuf,
@@ -167,11 +177,16 @@ pub enum Error {
         #[source]
         source: image::ImageError,
     },
-    /// A JPEG file without its end marker; a decoder would fill the rest with grey.
-    #[error("{image}: JPEG file is truncated (it has no end-of-image marker)")]
-    TruncatedJpeg {
+    /// A JPEG file that is cut short or garbled; a decoder would go on with grey or nonsense.
+    #[error(
+        "{image}: JPEG file is damaged; restore it from a copy, or remove the frame from the data set's list"
+    )]
+    DamagedJpeg {
         /// The file, or the part of one.
         image: ImageSource,
+        /// How that is known.
+        #[source]
+        source: crate::JpegRule,
     },
     /// A picture that lies partly beyond the end of the file that should hold it.
     #[error(
@@ -283,7 +298,7 @@ pub enum Error {
     /// Views that go together have different sizes.
     #[error(
         "views have different sizes: {first} is {first_width}x{first_height}, {second} is \
-         {second_width}x{second_height}; pass --size WxH to bring all to one size"
+         {second_width}x{second_height}; ask for one size, to which all are scaled and cropped"
     )]
     MixedSizes {
         /// Name of the first view.
@@ -322,7 +337,7 @@ pub enum Error {
     #[error("0 views asked for, expected at least 1")]
     NoViews,
     /// More views asked for than there are frames.
-    #[error("{wanted} views asked for, but there are only {frames} frames; lower --views")]
+    #[error("{wanted} views asked for, but there are only {frames} frames; ask for fewer")]
     TooFewFrames {
         /// Views asked for.
         wanted: usize,
@@ -332,7 +347,8 @@ pub enum Error {
     /// Too few frames see the same part of the scene.
     #[error(
         "{wanted} views asked for, but at most {connected} frames are connected (each shares half of its content \
-         with another); try --views {connected}, or take photographs with more overlap"
+         with another); {}take photographs with more overlap",
+        if *connected < 2 { String::new() } else { format!("ask for at most {connected}, or ") }
     )]
     Disconnected {
         /// Views asked for.

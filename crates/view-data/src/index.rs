@@ -107,7 +107,7 @@ pub fn write_index(path: &Path, windows: &[Window]) -> Result<()> {
 
 /// The entries of a JSON object in the order of [`sort_key`]; there is at least one, and each key occurs once.
 pub(crate) fn read_entries(path: &Path) -> Result<Vec<(String, Value)>> {
-    let text = std::fs::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
+    let text = crate::files::read(path).map_err(|source| Error::Read { path: path.to_path_buf(), source })?;
     let broken = |key: &str, rule| Error::Index { path: path.to_path_buf(), key: key.to_owned(), rule };
     let Entries(mut entries) =
         serde_json::from_slice(&text).map_err(|source| Error::Json { path: path.to_path_buf(), source })?;

@@ -1,7 +1,7 @@
 //! From frames to views: decode, undistort, resize, crop, attach depth.
 
 use crate::depth::{Counts, read_depth};
-use crate::picture::{check_pixels, read_image};
+use crate::picture::{self, check_pixels, read_image};
 use crate::undistort::Undistortion;
 use crate::{Dataset, DepthFile, Error, Frame, Result};
 use glam::DVec2;
@@ -9,6 +9,7 @@ use gs_scene::{Camera, DepthMap, Image, Intrinsics, View};
 use image::imageops::{FilterType, resize};
 use image::{ImageBuffer, Rgb};
 use rayon::prelude::*;
+use std::ops::Range;
 
 impl Dataset {
     /// Reads the frames at `positions`, in that order and in parallel, each undistorted to a pinhole picture.
@@ -31,8 +32,18 @@ impl Dataset {
             check_pixels("target size", width, height)?;
         }
         let frames = positions.iter().map(|&position| self.frame(position)).collect::<Result<Vec<_>>>()?;
-        let views: Vec<Result<View>> = frames.par_iter().map(|frame| load(frame, size)).collect();
-        let views = views.into_iter().collect::<Result<Vec<_>>>()?;
+        // What a header does not say, loading will.
+        let pixels =
+            |frame: &&Frame| picture::size(&frame.image, &frame.name).map_or(0, |(w, h)| w.saturating_mul(h));
+        let pixels: Vec<usize> = frames.par_iter().map(pixels).collect();
+        let mut views = Vec::with_capacity(frames.len());
+        for together in batches(&pixels) {
+            let loaded: Vec<Result<View>> =
+                frames[together].par_iter().map(|frame| load(frame, size)).collect();
+            for view in loaded {
+                views.push(view?);
+            }
+        }
         let shape = |view: &View| (view.camera().width(), view.camera().height());
         for pair in views.windows(2) {
             let ((first_width, first_height), (second_width, second_height)) =
@@ -50,6 +61,25 @@ impl Dataset {
         }
         Ok(views)
     }
+}
+
+/// Pictures that are decoded and undistorted side by side have at most so many pixels in all: some 30 bytes of each are held
+/// meanwhile.
+const PIXELS_AT_ONCE: usize = 1 << 26;
+
+/// Neighbours in the list that are loaded side by side; one that is too large goes alone.
+fn batches(pixels: &[usize]) -> Vec<Range<usize>> {
+    let mut batches = Vec::new();
+    let (mut first, mut sum) = (0, 0usize);
+    for (i, &own) in pixels.iter().enumerate() {
+        sum = sum.saturating_add(own);
+        if sum > PIXELS_AT_ONCE && i > first {
+            batches.push(first..i);
+            (first, sum) = (i, own);
+        }
+    }
+    batches.extend((first < pixels.len()).then_some(first..pixels.len()));
+    batches
 }
 
 pub(crate) fn load(frame: &Frame, size: Option<(usize, usize)>) -> Result<View> {
@@ -176,5 +206,19 @@ impl DepthGrid<'_> {
         }
         DepthMap::new(view.width, view.height, data)
             .map_err(|source| Error::View { frame: self.frame.to_owned(), source })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_pictures_are_loaded_alone_and_small_ones_together() {
+        let large = PIXELS_AT_ONCE + 1;
+        assert_eq!(batches(&[]), []);
+        assert_eq!(batches(&[0, 10, 20]), [0..3]);
+        assert_eq!(batches(&[large, large, 5, 5]), [0..1, 1..2, 2..4]);
+        assert_eq!(batches(&[PIXELS_AT_ONCE, 1, usize::MAX, 1]), [0..1, 1..2, 2..3, 3..4]);
     }
 }

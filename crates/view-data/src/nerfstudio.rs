@@ -58,7 +58,7 @@ const CAMERA_KEYS: [&str; 18] = [
 /// Metres per count of a depth file, unless `depth_unit_scale_factor` says otherwise: millimetres.
 const DEFAULT_DEPTH_UNIT: f64 = 0.001;
 
-/// Opens a data set in nerfstudio's layout: `path` is a `transforms.json` or the folder that holds one.
+/// Opens a data set in nerfstudio's layout: `path` is a `transforms.json` or the folder that holds one, or `transforms_train.json`.
 ///
 /// Reads the JSON, and of the pictures no more than their headers, those only where the file gives no `w` and `h`.
 /// Frames keep the file's order, and poses the file's world (see [`Dataset::applied_transform`]).
@@ -66,8 +66,25 @@ const DEFAULT_DEPTH_UNIT: f64 = 0.001;
 /// # Errors
 /// If the file cannot be read or breaks a rule of the format; the message names file, frame and rule.
 pub fn open_nerfstudio(path: &Path) -> Result<Dataset> {
-    let file = if path.is_dir() { path.join("transforms.json") } else { path.to_path_buf() };
-    open_file(file, None)
+    let file = if path.is_dir() { file_in(path) } else { path.to_path_buf() };
+    let mut dataset = open_file(file, None)?;
+    // Blender's sets come in parts, of which the first is for what views are reconstructed from.
+    if dataset.file.file_name().is_some_and(|name| name == PARTS[0]) {
+        for part in PARTS[1..].iter().filter(|part| dataset.root.join(part).is_file()) {
+            dataset.dropped.push(Dropped::new(*part, "not read: give this file to use its frames"));
+        }
+    }
+    Ok(dataset)
+}
+
+/// Files of a set that comes in parts.
+const PARTS: [&str; 3] = ["transforms_train.json", "transforms_val.json", "transforms_test.json"];
+
+/// The file of a folder.
+pub(crate) fn file_in(folder: &Path) -> PathBuf {
+    let names = ["transforms.json", PARTS[0]].map(|name| folder.join(name));
+    let [whole, part] = names;
+    if !whole.is_file() && part.is_file() { part } else { whole }
 }
 
 /// As [`open_nerfstudio`], but every picture is looked for in one folder, by its name alone.
@@ -76,7 +93,7 @@ pub(crate) fn open_with_pictures_in(file: &Path, folder: &Path) -> Result<Datase
 }
 
 fn open_file(file: PathBuf, picture_folder: Option<&Path>) -> Result<Dataset> {
-    let text = std::fs::read(&file).map_err(|source| Error::Read { path: file.clone(), source })?;
+    let text = crate::files::read(&file).map_err(|source| Error::Read { path: file.clone(), source })?;
     let json = keys::parse(&text).map_err(|source| Error::Json { path: file.clone(), source })?;
     let root = match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
@@ -124,6 +141,7 @@ fn open_file(file: PathBuf, picture_folder: Option<&Path>) -> Result<Dataset> {
         name: folder_name(&root),
         depth_percentiles: depth_percentiles(&shared)?,
         applied_transform: shared.matrix("applied_transform")?,
+        offset: None,
         applied_scale: shared.number("applied_scale")?,
         format: Format::Nerfstudio,
         url: None,

@@ -16,13 +16,21 @@ pub struct Scenes {
     pub dropped: Vec<Dropped>,
 }
 
-/// Opens one scene: in the layout `format`, or, without, in the first layout of [`Format::ALL`] whose files lie there.
+/// Opens one scene: in the layout `format`, or, without, in the first layout of [`Format::ALL`] whose files lie there. A folder that
+/// holds the folder of one scene will do.
 ///
 /// # Errors
 /// If no layout fits (the error says what was looked for), `path` holds more than one scene, or the files break a
 /// rule of their format.
 pub fn open(path: &Path, format: Option<Format>) -> Result<Dataset> {
-    let mut scenes = open_as(path, recognised(path, format)?)?;
+    let mut scenes = match recognised(path, format) {
+        Ok(format) => open_as(path, format)?,
+        // A folder around scenes: one is what is meant, of several the error has the names.
+        Err(error @ (Error::NoLayout { .. } | Error::NoPoses { .. })) if path.is_dir() => {
+            open_all(path, format).map_err(|_| error)?
+        }
+        Err(error) => return Err(error),
+    };
     if scenes.scenes.len() == 1 {
         return Ok(scenes.scenes.remove(0));
     }
@@ -64,6 +72,12 @@ pub fn open_all(root: &Path, format: Option<Format>) -> Result<Scenes> {
 }
 
 fn open_as(path: &Path, format: Format) -> Result<Scenes> {
+    let mut found = read_as(path, format)?;
+    found.scenes = found.scenes.into_iter().map(Dataset::near_origin).collect();
+    Ok(found)
+}
+
+fn read_as(path: &Path, format: Format) -> Result<Scenes> {
     let one = |scene: Result<Dataset>| Ok(Scenes { scenes: vec![scene?], dropped: Vec::new() });
     match format {
         Format::Nerfstudio => one(open_nerfstudio(path)),
@@ -92,7 +106,7 @@ fn candidates(format: Option<Format>) -> impl Iterator<Item = Format> {
 fn fits(path: &Path, format: Format) -> bool {
     match format {
         Format::Nerfstudio => {
-            path.join("transforms.json").is_file()
+            crate::nerfstudio::file_in(path).is_file()
                 || path.is_file() && path.extension().is_some_and(|extension| extension == "json")
         }
         Format::Chunk => crate::chunk::is_there(path),
@@ -108,7 +122,7 @@ fn fits(path: &Path, format: Format) -> bool {
 /// What [`fits`] looks for.
 fn looked_for(format: Format) -> &'static str {
     match format {
-        Format::Nerfstudio => "transforms.json",
+        Format::Nerfstudio => "transforms.json or transforms_train.json",
         Format::Colmap => "cameras and images (.bin or .txt) in ., sparse/0, sparse or colmap/sparse/0",
         Format::Replica => "traj.txt and results/",
         Format::Tum => "rgb.txt and groundtruth.txt",
@@ -121,7 +135,73 @@ fn looked_for(format: Format) -> &'static str {
 
 pub(crate) fn no_layout(path: &Path, format: Option<Format>) -> Error {
     let describe = |format: Format| format!("{format} ({})", looked_for(format));
-    Error::NoLayout { path: path.to_path_buf(), looked_for: candidates(format).map(describe).collect() }
+    let looked_for = candidates(format).map(describe).collect();
+    let path = path.to_path_buf();
+    match Unposed::at(&path) {
+        Some(found) => Error::NoPoses { path, found, looked_for },
+        None => Error::NoLayout { path, looked_for },
+    }
+}
+
+/// What lies where a data set should, and has no poses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Unposed {
+    /// So many pictures.
+    Photographs(usize),
+    /// A video.
+    Video,
+    /// Files packed into one.
+    Archive,
+}
+
+impl Unposed {
+    fn at(path: &Path) -> Option<Self> {
+        const PICTURES: &[&str] = &["jpg", "jpeg", "png", "heic", "heif", "tif", "tiff", "dng", "webp"];
+        const VIDEOS: &[&str] = &["mp4", "mov", "avi", "mkv", "webm", "m4v"];
+        const ARCHIVES: &[&str] = &["zip", "tar", "gz", "tgz", "xz", "bz2", "zst", "7z", "rar"];
+        let is = |path: &Path, known: &[&str]| {
+            let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+            path.is_file() && known.contains(&&*extension)
+        };
+        let files = |folder: &Path| -> Vec<PathBuf> {
+            std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
+        };
+        let mut all = if path.is_dir() { files(path) } else { vec![path.to_path_buf()] };
+        let count = |all: &[PathBuf], known| all.iter().filter(|path| is(path, known)).count();
+        if count(&all, PICTURES) == 0 {
+            all.extend(files(&path.join("images")));
+        }
+        match (count(&all, PICTURES), count(&all, VIDEOS), count(&all, ARCHIVES)) {
+            (0, 0, 0) => None,
+            (0, 0, _) => Some(Self::Archive),
+            (0, _, _) => Some(Self::Video),
+            (pictures, _, _) => Some(Self::Photographs(pictures)),
+        }
+    }
+}
+
+/// What it is, and what to do.
+impl std::fmt::Display for Unposed {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        const COLMAP: &str = "put the pictures into SCENE/images, run `colmap automatic_reconstructor --workspace_path SCENE \
+                              --image_path SCENE/images --single_camera 1 --dense 0`, and give SCENE";
+        match self {
+            Self::Photographs(1) => {
+                f.write_str("a picture, expected several with the poses of their cameras")
+            }
+            Self::Photographs(n) => write!(
+                f,
+                "{n} pictures without the poses of their cameras, which are needed and which COLMAP can estimate: {COLMAP}"
+            ),
+            Self::Video => write!(
+                f,
+                "a video: take pictures from it (`ffmpeg -i VIDEO -vf fps=2 SCENE/images/%04d.png`), and have COLMAP estimate the poses \
+                 of their cameras: {COLMAP}"
+            ),
+            Self::Archive => f.write_str("an archive: unpack it, and give the folder"),
+        }
+    }
 }
 
 /// An error and its causes in one line.

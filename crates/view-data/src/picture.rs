@@ -1,9 +1,9 @@
 //! Decoding: PNG and JPEG files to pictures.
 
+use crate::files;
 use crate::{Error, ImageSource, Result};
 use gs_scene::Image;
 use image::{DynamicImage, ImageError, ImageReader};
-use std::fs::File;
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -32,8 +32,8 @@ pub(crate) fn size(image: &ImageSource, frame: &str) -> Result<(usize, usize)> {
 pub(crate) fn read_bytes(image: &ImageSource, frame: &str, most: u64) -> Result<Vec<u8>> {
     let path = image.path();
     let read = |source| Error::Read { path: path.to_path_buf(), source };
-    let mut file = File::open(path).map_err(|source| unreadable(path, frame, source))?;
-    let mut whole = u64::MAX;
+    let mut file = files::open(path).map_err(|source| unreadable(path, frame, source))?;
+    let mut whole = file.metadata().map_err(read)?.len();
     if let ImageSource::Encoded { offset, length, .. } = *image {
         let held = file.metadata().map_err(read)?.len();
         if offset.checked_add(length).is_none_or(|end| end > held) {
@@ -42,6 +42,7 @@ pub(crate) fn read_bytes(image: &ImageSource, frame: &str, most: u64) -> Result<
         file.seek(SeekFrom::Start(offset)).map_err(read)?;
         whole = length;
     }
+    files::check_length(whole.min(most)).map_err(read)?;
     let mut bytes = Vec::new();
     file.take(whole.min(most)).read_to_end(&mut bytes).map_err(read)?;
     Ok(bytes)
@@ -68,8 +69,8 @@ pub(crate) fn read_image(image: &ImageSource, frame: &str) -> Result<Image> {
 
 /// Decodes the bytes of a picture.
 pub(crate) fn decode(image: &ImageSource, bytes: &[u8]) -> Result<DynamicImage> {
-    if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_has_end(bytes) {
-        return Err(Error::TruncatedJpeg { image: image.clone() });
+    if bytes.starts_with(&[0xff, 0xd8]) {
+        crate::jpeg::check(bytes).map_err(|source| Error::DamagedJpeg { image: image.clone(), source })?;
     }
     let damaged = |source| Error::Picture { image: image.clone(), source };
     let reader = || ImageReader::new(Cursor::new(&bytes)).with_guessed_format();
@@ -93,23 +94,6 @@ fn unreadable(path: &Path, frame: &str, source: std::io::Error) -> Error {
         return Error::MissingPicture { path, frame: frame.to_owned() };
     }
     Error::Read { path, source }
-}
-
-/// Whether a JPEG file reaches its end-of-image marker. The decoder does not tell: it fills up with grey.
-///
-/// Segments before the first scan are skipped by their length (a thumbnail in them has an end marker of its own);
-/// in a scan the marker's bytes cannot occur as data.
-fn jpeg_has_end(bytes: &[u8]) -> bool {
-    const START_OF_SCAN: u8 = 0xda;
-    let mut at = 2;
-    while let Some(&[0xff, marker, high, low]) = bytes.get(at..at + 4) {
-        if marker == START_OF_SCAN {
-            return bytes[at..].windows(2).any(|pair| pair == [0xff, 0xd9]);
-        }
-        // A marker may be preceded by any number of fill bytes.
-        at += if marker == 0xff { 1 } else { 2 + usize::from(u16::from_be_bytes([high, low])) };
-    }
-    false
 }
 
 #[cfg(test)]

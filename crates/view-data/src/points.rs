@@ -49,10 +49,13 @@ impl Dataset {
     /// # Errors
     /// If the file cannot be read or breaks a rule of its format.
     pub fn points(&self) -> Result<Option<Vec<ScenePoint>>> {
-        match &self.points {
-            None => Ok(None),
-            Some(PointSource::Ply(path)) => Ok(Some(crate::ply::read_points(path)?)),
-            Some(PointSource::Colmap { files, position_of }) => Ok(Some(read_points(files, position_of)?)),
-        }
+        let mut points = match &self.points {
+            None => return Ok(None),
+            Some(PointSource::Ply(path)) => crate::ply::read_points(path)?,
+            Some(PointSource::Colmap { files, position_of }) => read_points(files, position_of)?,
+        };
+        let offset = self.offset.unwrap_or_default();
+        points.iter_mut().for_each(|point| point.position -= offset);
+        Ok(Some(points))
     }
 }

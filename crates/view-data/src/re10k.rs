@@ -78,7 +78,7 @@ fn list_folder(folder: &Path) -> Result<Vec<PathBuf>> {
 /// Opens the scene of a camera file.
 pub(crate) fn open_scene(file: &Path, name: &str) -> Result<Dataset> {
     let broken = |line, rule| Error::Re10k { path: file.to_path_buf(), line, rule };
-    let text = std::fs::read(file).map_err(|source| Error::Read { path: file.to_path_buf(), source })?;
+    let text = crate::files::read(file).map_err(|source| Error::Read { path: file.to_path_buf(), source })?;
     let text = String::from_utf8(text).map_err(|_| broken(None, Rule::NotText))?;
     let (url, rows) = parse(&text).map_err(|(line, rule)| broken(line, rule))?;
 

@@ -70,7 +70,7 @@ fn camera(path: &Path) -> Result<(Lens, f64)> {
                     \"fy\": .., \"cx\": .., \"cy\": .., \"scale\": ..}}";
         return Err(broken(&beside, FormatRule::NoIntrinsics { hint: hint.to_owned() }));
     };
-    let text = std::fs::read(&file).map_err(crate::files::unreadable(&file))?;
+    let text = crate::files::read(&file).map_err(crate::files::unreadable(&file))?;
     let json = keys::parse(&text).map_err(|source| Error::Json { path: file.clone(), source })?;
     let top = Keys::new(&file, None, &json)?;
     let keys = top.object("camera")?.unwrap_or(top);

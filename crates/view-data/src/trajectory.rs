@@ -138,6 +138,7 @@ pub(crate) fn dataset(
         depth_percentiles: None,
         url: None,
         applied_transform: None,
+        offset: None,
         applied_scale: None,
         points: None,
     }

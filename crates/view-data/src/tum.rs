@@ -48,6 +48,9 @@ pub fn open_tum(path: &Path) -> Result<Dataset> {
 pub fn open_tum_within(path: &Path, max_difference: f64) -> Result<Dataset> {
     let list = path.join("rgb.txt");
     let pictures = timed_files(&list)?;
+    if pictures.is_empty() {
+        return Err(broken(&list, FormatRule::NoFrames { hint: "; it lists no pictures".to_owned() }));
+    }
     let mut depths = match timed_files(&path.join("depth.txt")) {
         Err(Error::Read { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => Vec::new(),
         other => other?,

@@ -120,17 +120,16 @@ fn sees_less_than_half(lens: &Lens) -> bool {
 /// What rounding may move a pixel that lies exactly on the outermost centres.
 const SLACK: f64 = 1e-9;
 
-/// A picture ready for sampling: pixels padded to four lanes, which the compiler turns into one SIMD register.
-struct Samples {
+/// A picture to take samples of.
+struct Samples<'a> {
     width: usize,
     height: usize,
-    pixels: Vec<[f32; 4]>,
+    pixels: &'a [[f32; 3]],
 }
 
-impl Samples {
-    fn new(image: &Image) -> Self {
-        let pixels = image.data().chunks_exact(3).map(|p| [p[0], p[1], p[2], 0.0]).collect();
-        Self { width: image.width(), height: image.height(), pixels }
+impl<'a> Samples<'a> {
+    fn new(image: &'a Image) -> Self {
+        Self { width: image.width(), height: image.height(), pixels: image.data().as_chunks::<3>().0 }
     }
 
     /// The picture at a pixel position inside it, from 4×4 pixels; beyond the border the outermost ones repeat.
@@ -142,7 +141,7 @@ impl Samples {
         let tap =
             |base: isize, offset: isize, side: usize| (base + offset).clamp(0, side as isize - 1) as usize;
         let columns = [-1, 0, 1, 2].map(|offset| tap(x, offset, self.width));
-        let mut sum = [0.0; 4];
+        let mut sum = [0.0; 3];
         for (offset, wy) in (-1..).zip(wy) {
             let row = &self.pixels[tap(y, offset, self.height) * self.width..][..self.width];
             for (column, wx) in columns.into_iter().zip(wx) {
@@ -152,8 +151,7 @@ impl Samples {
                 }
             }
         }
-        let [r, g, b, _] = sum.map(|value| value.clamp(0.0, 1.0));
-        [r, g, b]
+        sum.map(|value: f32| value.clamp(0.0, 1.0))
     }
 }
 

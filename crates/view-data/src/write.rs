@@ -9,7 +9,8 @@ mod samples;
 
 use crate::{Error, Result};
 use gs_scene::{Lens, View};
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 pub use error::WriteRule;
@@ -54,6 +55,30 @@ pub struct DatasetWriter {
     frames: Vec<String>,
     body: Body,
     depth_out_of_range: u64,
+    /// Says that this process lives and its temporary folder is in use.
+    _lock: Option<File>,
+}
+
+/// In temporary folders, the file that the process which fills them has locked.
+const LOCK: &str = ".lock";
+
+/// Removes temporary folders of this target whose processes were killed: nobody holds their locks.
+fn remove_left_behind(target: &Path, name: &OsStr) {
+    let above = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let prefix = format!(".{}.", name.to_string_lossy());
+    for entry in std::fs::read_dir(above).into_iter().flatten().flatten() {
+        let found = entry.file_name().to_string_lossy().into_owned();
+        let id = found.strip_prefix(&prefix).and_then(|rest| rest.strip_suffix(".tmp"));
+        let is_ours = id.is_some_and(|id| !id.is_empty() && id.bytes().all(|digit| digit.is_ascii_digit()));
+        let lock = entry.path().join(LOCK);
+        // What cannot be removed is no worse than before.
+        if is_ours
+            && lock.is_file()
+            && let Ok(Some(_held)) = gs_scene::lock_file(&lock)
+        {
+            let _ = std::fs::remove_dir_all(entry.path());
+        }
+    }
 }
 
 /// What a layout gathers on the way.
@@ -84,6 +109,7 @@ impl DatasetWriter {
         temporary.push(name);
         temporary.push(format!(".{}.tmp", std::process::id()));
         let folder = target.with_file_name(temporary);
+        remove_left_behind(target, name);
         let (pictures, body, folders): (_, _, &[&str]) = match layout {
             Layout::Nerfstudio => (pictures, Body::Nerfstudio(Default::default()), &["images", "depth"]),
             Layout::Colmap => (pictures, Body::Colmap(colmap::Model::new(false)), &["images", "sparse/0"]),
@@ -93,8 +119,12 @@ impl DatasetWriter {
         for sub_folder in folders {
             make_folder(&folder.join(sub_folder))?;
         }
+        let lock = folder.join(LOCK);
+        let lock = gs_scene::lock_file(&lock).map_err(|source| {
+            broken(&lock, WriteRule::File(gs_scene::Error::Io { action: "lock", path: lock.clone(), source }))
+        })?;
         let (target, frames) = (target.to_path_buf(), Vec::new());
-        Ok(Self { target, folder, pictures, frames, body, depth_out_of_range: 0 })
+        Ok(Self { target, folder, pictures, frames, body, depth_out_of_range: 0, _lock: lock })
     }
 
     /// Writes a frame. The picture and its depth are as `lens` sees them, distortion included; the pose is the view's, its
@@ -141,6 +171,8 @@ impl DatasetWriter {
             Body::Colmap(model) => model.finish(&self.folder)?,
             Body::Replica(trajectory) => trajectory.finish(&self.folder, &self.target)?,
         }
+        // Where it cannot be removed it stays, and does no harm.
+        let _ = std::fs::remove_file(self.folder.join(LOCK));
         // An empty folder may be there; a rename does not replace one everywhere.
         let _ = std::fs::remove_dir(&self.target);
         std::fs::rename(&self.folder, &self.target)

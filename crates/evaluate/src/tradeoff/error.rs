@@ -59,7 +59,7 @@ pub enum SweepError {
         text: String,
     },
     /// Variables of a cluster's scheduler that say too little, or nothing that can be used.
-    #[error("{variable}={value:?}: {rule}; --shard I/N says it by hand, --shard 0/1 takes all")]
+    #[error("{variable}={value:?}: {rule}; or name the shard yourself, I/N, where 0/1 is all")]
     Scheduler {
         /// The variable.
         variable: &'static str,

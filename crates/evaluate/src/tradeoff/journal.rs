@@ -5,11 +5,11 @@ use super::measure::Measured;
 use super::shard::Shard;
 use super::sweep::Label;
 use crate::Dropped;
-use gs_scene::write_atomically;
+use gs_scene::{lock_file, write_atomically};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, HashSet};
-use std::fs::{self, File, OpenOptions, TryLockError};
+use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -205,13 +205,10 @@ impl Journal {
 /// Keeps other processes from the file of a shard, where the file system has locks.
 fn lock(path: &Path) -> Result<File, SweepError> {
     let path = path.with_extension("lock");
-    let file = File::create(&path).map_err(io("write", &path))?;
-    match file.try_lock() {
-        Err(TryLockError::WouldBlock) => Err(SweepError::Busy { path }),
-        Err(TryLockError::Error(source)) if source.kind() != std::io::ErrorKind::Unsupported => {
-            Err(SweepError::Io { action: "lock", path, source })
-        }
-        _ => Ok(file),
+    match lock_file(&path) {
+        Ok(Some(file)) => Ok(file),
+        Ok(None) => Err(SweepError::Busy { path }),
+        Err(source) => Err(SweepError::Io { action: "lock", path, source }),
     }
 }
 

@@ -4,8 +4,8 @@ use super::breakdown::breakdown;
 use super::front::pareto_front;
 use super::summary::{Row, Summary};
 use crate::chart::{
-    Area, COLOURS, Chart, Counts, Drawn, Names, SIZE, axes, beside, chart_on, legend, line, marks, range,
-    style, svg,
+    Area, COLOURS, Chart, Counts, Drawn, Names, SIZE, Seconds, axes, beside, chart_on, legend, line, marks,
+    range, style, svg,
 };
 use crate::labels::place;
 use plotters::coord::ranged1d::Ranged;
@@ -61,10 +61,10 @@ fn steps(front: &[(f64, f64)]) -> Vec<(f64, f64)> {
 fn over_seconds(area: &Area<'_>, summary: &Summary) -> Drawn {
     let seconds = |row: &Row| row.seconds_to_gaussians;
     let rivals = || shown(summary).filter(|row| row.label.axis.competes());
-    let times = range(rivals().map(seconds), 0.08);
+    let times = Seconds::around(rivals().map(seconds), f64::INFINITY);
     let (area, side) = beside(area);
     let qualities = range(rivals().map(|row| row.psnr_held_out), 0.08);
-    let mut chart = chart_on(&area).build_cartesian_2d(times.start.max(0.0)..times.end, qualities)?;
+    let mut chart = chart_on(&area).build_cartesian_2d(times, qualities)?;
     let mut names = Names::new();
     axes(&mut chart, "seconds from photographs to Gaussians", PSNR)?;
     let front = front_of_seconds(summary);
@@ -80,8 +80,8 @@ fn after_backbone(area: &Area<'_>, summary: &Summary) -> Drawn {
     let rivals = || shown(summary).filter(|row| row.label.axis.competes());
     let (area, side) = beside(area);
     let qualities = range(rivals().map(|row| row.psnr_held_out), 0.08);
-    let mut chart =
-        chart_on(&area).build_cartesian_2d(0.0..range(rivals().map(seconds), 0.08).end, qualities)?;
+    let times = Seconds::around(rivals().map(seconds), 0.0);
+    let mut chart = chart_on(&area).build_cartesian_2d(times, qualities)?;
     let mut names = Names::new();
     axes(&mut chart, "seconds after loading and the backbone", PSNR)?;
     curves(&mut chart, &mut names, summary, seconds)?;

@@ -157,7 +157,7 @@ mod tests {
             (&[("JOB_COMPLETION_INDEX", "2"), ("JOB_COMPLETIONS", "2")], "less than"),
         ] {
             let error = environment(pairs).unwrap_err().to_string();
-            assert!(error.contains(part) && error.contains("--shard"), "{error}");
+            assert!(error.contains(part) && error.contains("I/N"), "{error}");
         }
     }
 }

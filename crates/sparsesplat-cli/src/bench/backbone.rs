@@ -6,9 +6,9 @@ use super::random::Random;
 use super::row::{Label, Row};
 use crate::arguments::{Common, positive, size};
 use crate::failure::{OrFail, Outcome};
+use crate::output;
 use crate::progress::Progress;
 use crate::summary::{print, print_line};
-use crate::{output, threads};
 use candle_core::{Device, Tensor};
 use clap::Args;
 use depth_backbone::{DepthSplat, Scales, StageTime, Variant, Vit};
@@ -191,7 +191,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         size,
         runs,
     };
-    let recipe = Recipe::of_this_run(0, threads(), settings);
+    let recipe = crate::recipe(0, settings);
     output::write_json(path, &Record { recipe, rows: &rows, gemm_flop_per_second: gemm })
 }
 

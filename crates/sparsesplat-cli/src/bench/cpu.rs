@@ -4,8 +4,8 @@ use super::measure::{Measured, measure, timed};
 use super::row::{self, Label};
 use crate::arguments::Common;
 use crate::failure::Outcome;
+use crate::output;
 use crate::progress::Progress;
-use crate::{output, threads};
 use evaluate::{Recipe, Table, count};
 use rayon::ThreadPool;
 use serde::Serialize;
@@ -117,5 +117,5 @@ pub(super) fn write(
     let Some(path) = &common.json else {
         return Ok(());
     };
-    output::write_json(path, &Record { recipe: Recipe::of_this_run(0, threads(), settings), rows, more })
+    output::write_json(path, &Record { recipe: crate::recipe(0, settings), rows, more })
 }

@@ -4,9 +4,9 @@ use super::head::Scene;
 use super::random::Random;
 use crate::arguments::{Common, positive};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::output;
 use crate::progress::Progress;
 use crate::summary::{print, print_line};
-use crate::{output, threads};
 use attn_head::{Config, Kind, Weights, fused};
 use candle_core::{Device, Tensor};
 use clap::Args;
@@ -96,7 +96,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line("\nms of the fastest call on one thread, and how many times faster than scalar");
     if let Some(path) = &common.json {
         let sets = sets.iter().zip(&found).map(|(isa, seconds)| (isa.name(), seconds)).collect();
-        let recipe = Recipe::of_this_run(0, threads(), arguments.rounds);
+        let recipe = crate::recipe(0, arguments.rounds);
         output::write_json(path, &Record { recipe, seconds: sets, broken: &problems })?;
     }
     if problems.is_empty() { Ok(()) } else { Err(Failure::work(problems.join("\n  "))) }

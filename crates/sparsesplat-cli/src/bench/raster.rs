@@ -128,7 +128,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     if let Some(path) = &common.json {
         rows.append(&mut prices);
         let settings = Settings { counts: &arguments.counts, width, height, runs: arguments.runs };
-        let recipe = Recipe::of_this_run(0, threads(), settings);
+        let recipe = crate::recipe(0, settings);
         let record =
             Record { recipe, device: &device, memory_bandwidth: &bandwidth, model: MODEL, rows: &rows };
         output::write_json(path, &record)?;

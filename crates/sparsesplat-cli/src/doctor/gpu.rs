@@ -2,6 +2,7 @@
 
 use crate::arguments::Device;
 use crate::device::with_causes;
+use crate::driver;
 use evaluate::count;
 use gs_raster::gpu::{self, AdapterChoice, AdapterDescription, GpuOptions};
 use gs_raster::{Error, Rasterizer};
@@ -57,10 +58,10 @@ pub(super) fn examine(device: Device) -> Gpus {
             Shaders::without_pass(Verdict::NotTested, false, "--device cpu was asked for".to_owned());
         return Gpus { adapters: Vec::new(), shaders };
     }
-    let found = gpu::adapters();
-    let real = found.iter().any(AdapterDescription::is_real);
     let options = GpuOptions { adapter: AdapterChoice::OrSoftware, ..GpuOptions::default() };
-    let shaders = Shaders::of(&Rasterizer::gpu(&options), real);
+    let (found, started) = driver::quietly(|| (gpu::adapters(), Rasterizer::gpu(&options)));
+    let real = found.iter().any(AdapterDescription::is_real);
+    let shaders = Shaders::of(&started, real);
     Gpus { adapters: found.into_iter().map(Adapter::from).collect(), shaders }
 }
 

@@ -3,7 +3,7 @@
 use super::Files;
 use crate::arguments::Common;
 use crate::failure::{OrFail, Outcome};
-use crate::output;
+use crate::output::{self, named};
 use crate::summary::{print, print_line};
 use crate::sweep::Swept;
 use evaluate::tradeoff::{
@@ -34,18 +34,18 @@ pub(super) fn deliver(swept: &Swept, files: &Files, common: &Common) -> Outcome 
     }
     if let Some(path) = &files.csv {
         output::write_text(path, &csv(summary))?;
-        print_line(&format!("table      {}", path.display()));
+        print_line(&format!("table      {}", named(path)));
     }
     if let Some(path) = &files.markdown {
         let plots = write_plots(summary, path)?;
         output::write_text(path, &to_markdown(summary, &swept.machine(), &swept.command(), &plots))?;
-        print_line(&format!("document   {}", path.display()));
+        print_line(&format!("document   {}", named(path)));
     }
     if let Some(path) = &files.report {
         let recipe = output::to_json(&header.recipe)?;
         let page = tradeoff_page(summary, &swept.machine(), &header.windows, pictures, &recipe).or_work()?;
         output::write_text(path, &page)?;
-        print_line(&format!("report     {}", path.display()));
+        print_line(&format!("report     {}", named(path)));
     }
     swept.verdict()
 }

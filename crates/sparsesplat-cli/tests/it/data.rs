@@ -1,6 +1,6 @@
 //! Data sets: simulated, written, read, reconstructed.
 
-use crate::tiny::{Called, call};
+use crate::tiny::{Called, Tiny, call, read_json};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -125,4 +125,31 @@ fn what_is_expected_of_a_data_set_is_explained() {
             assert!(message.contains(expected) && message.contains("Get it: http"), "{message}");
         }
     }
+}
+
+#[test]
+fn a_scene_far_from_the_origin_is_as_good_as_one_near_it() {
+    let tiny = Tiny::new();
+    let (root, json) = (tiny.root(), tiny.beside("eval.json"));
+    let [root, json_path] = [&root, &json].map(|path| path.to_str().unwrap());
+    let psnr = || {
+        let eval =
+            ["eval", "--dataset", "nerfstudio", "--root", root, "--gaussians", "2k", "--device", "cpu"];
+        let more = ["--depth-range", "hint", "--head", "closed-form", "--json", json_path];
+        let called = call(&[&eval[..], &more].concat()).succeeded();
+        (read_json(&json)["mean"]["psnr_all"].as_f64().unwrap(), called.stderr)
+    };
+    let (near, said) = psnr();
+    assert!(!said.contains("subtracted"), "{said}");
+    tiny.edit(|value| {
+        for frame in value["frames"].as_array_mut().unwrap() {
+            for (row, by) in [(0, 5e5), (1, 5e6)] {
+                let entry = &mut frame["transform_matrix"][row][3];
+                *entry = (entry.as_f64().unwrap() + by).into();
+            }
+        }
+    });
+    let (far, said) = psnr();
+    assert!(said.contains("(500000, 5000000, 0) was subtracted"), "{said}");
+    assert!((far - near).abs() < 0.05, "{near} dB near, {far} dB far");
 }

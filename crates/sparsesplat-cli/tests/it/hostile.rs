@@ -96,7 +96,7 @@ fn files_that_are_not_what_they_should_be() {
     check(
         |tiny| fs::remove_file(tiny.path("transforms.json")).unwrap(),
         &[],
-        &["tiny", "no data set found", "transforms.json"],
+        &["tiny", "11 pictures", "poses", "colmap", "transforms.json"],
     );
     check(|tiny| fs::remove_dir_all(tiny.root()).unwrap(), &[], &["tiny", "cannot read"]);
     check(|_| {}, &["--backbone", "given-depth"], &["no measured depth", "view-"]);
@@ -139,6 +139,34 @@ fn a_broken_scene() {
 }
 
 #[test]
+fn gaussians_that_cannot_be_drawn_are_counted() {
+    let tiny = Tiny::new();
+    let (scene, root, output, json) =
+        (tiny.beside("scene.ply"), tiny.root(), tiny.beside("out"), tiny.beside("render.json"));
+    let mut gaussians = gs_scene::Gaussians::empty(0).unwrap();
+    for opacity in [1.0, f32::INFINITY, f32::NAN] {
+        gaussians.push([0.0; 3], [1.0, 0.0, 0.0, 0.0], [0.0; 3], opacity, &[0.5; 3]);
+    }
+    gs_scene::write_ply(&scene, &gaussians).unwrap();
+    let [scene, root, output, json_path] = [&scene, &root, &output, &json].map(|path| path.to_str().unwrap());
+    let render = ["render", scene, "--cameras", root, "-o", output, "--positions", "1", "--device", "cpu"];
+    let called = call(&[&render[..], &["--json", json_path]].concat()).succeeded();
+    assert!(called.stderr.contains("2 of 3 Gaussians cannot be drawn"), "{}", called.stderr);
+    assert_eq!(crate::tiny::read_json(&json)["rejected"], 2);
+}
+
+#[test]
+fn names_of_files_do_not_speak_to_the_terminal() {
+    let tiny = Tiny::new();
+    tiny.edit(|value| {
+        value["frames"][3]["file_path"] = format!("images/\u{1b}[2J{}.png", "x".repeat(99_999)).into();
+    });
+    let called = tiny.reconstruct(&["--views", "11"]);
+    refused(&called, &["missing", r"\u{1b}[2J", "more characters"]);
+    assert!(!called.stderr.contains('\u{1b}') && called.stderr.len() < 10_000, "{}", called.stderr.len());
+}
+
+#[test]
 fn arguments_out_of_range() {
     let tiny = Tiny::new();
     for (arguments, part) in [
@@ -149,10 +177,12 @@ fn arguments_out_of_range() {
         (["--depth-range", "5,2"], "--depth-range"),
         (["--neighbours", "0"], "--neighbours"),
         (["--depth-planes", "0"], "--depth-planes"),
-        (["--depth-planes", "1"], "planes"),
+        (["--depth-planes", "1"], "2 or more"),
         (["--depth-planes", "1000000000"], "planes"),
         (["--size", "0x3"], "--size"),
         (["--threads", "0"], "--threads"),
+        (["--threads", "100000"], "expected at most"),
+        (["--seed", "-1"], "invalid digit"),
         (["--far-shell", "maybe"], "--far-shell"),
         (["--no-such-option", "1"], "--no-such-option"),
     ] {

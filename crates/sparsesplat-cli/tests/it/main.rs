@@ -12,7 +12,9 @@ mod lpips;
 #[path = "../../../image-metrics/tests/it/recipe.rs"]
 #[allow(dead_code, reason = "also compares files of picture pairs")]
 mod lpips_recipe;
+mod outputs;
 mod paper;
+mod settings;
 mod tiny;
 mod tradeoff;
 mod training;

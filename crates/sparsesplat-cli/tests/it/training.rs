@@ -45,7 +45,12 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
         ];
         call(&[&shared[..], more].concat())
     };
-    train(&[]).succeeded();
+    let json = at("train.json");
+    train(&["--json", text(&json)]).succeeded();
+    let record = read_json(&json);
+    assert_eq!((&record["steps"], &record["windows"]), (&3.into(), &1.into()));
+    assert_eq!(record["recipe"]["config"]["neighbours"], 5);
+    assert!(record["validation"][0]["psnr"].as_f64().unwrap() > 5.0, "{record}");
     let whole = values(&run.join("weights.safetensors"));
     let log = fs::read_to_string(run.join("log.jsonl")).unwrap();
     let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -93,6 +98,23 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
     assert!(code == Some(2) && stderr.contains("--first-seed") && stderr.contains("500 to 500"), "{stderr}");
     let Called { code, stderr, .. } = train(&["--first-seed", "490", "--wild-scenes", "10"]);
     assert!(code == Some(2) && stderr.contains("490 to 500"), "{stderr}");
+
+    // Wrong settings are told before a window is prepared, with the file and exit code 2.
+    let prepared = fs::read_dir(&cache).unwrap().count();
+    for (settings, part) in [("density: (0.5, 0.1)", "density"), ("neighbours: 1000000", "neighbours")] {
+        fs::write(&config, format!("({settings})")).unwrap();
+        let Called { code, stderr, .. } = train(&["--first-seed", "2000"]);
+        assert!(code == Some(2) && stderr.contains("short.ron") && stderr.contains(part), "{stderr}");
+    }
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), prepared);
+
+    // Another process in the folder.
+    fs::write(&config, "(steps: 3)").unwrap();
+    let lock = gs_scene::lock_file(&run.join("run.lock")).unwrap();
+    assert!(lock.is_some());
+    let Called { code, stderr, .. } = train(&["--resume"]);
+    assert!(code == Some(2) && stderr.contains("another process"), "{stderr}");
+    drop(lock);
 
     let weights = run.join("weights.safetensors");
     let json = at("eval.json");
@@ -142,6 +164,11 @@ fn rows_of_an_ablation_are_trained_once_and_measured_each() {
     let Called { code, stderr, .. } = ablate_from("0", "K=0");
     assert!(code == Some(2) && stderr.contains("--first-seed"), "measured on what is trained on: {stderr}");
     let ablate = |rows: &str| ablate_from("1000", rows);
+    let one = fs::read_to_string(&config).unwrap();
+    fs::write(&config, one.replace("steps: 1", "steps: 0")).unwrap();
+    let Called { code, stderr, .. } = ablate("K=0");
+    assert!(code == Some(2) && stderr.contains("steps: 0") && stderr.contains("--steps"), "{stderr}");
+    fs::write(&config, one).unwrap();
     let Called { code, stderr, .. } = ablate("K=0,K=7");
     assert!(code == Some(2) && stderr.contains("K=7") && stderr.contains("K=30"), "{stderr}");
     ablate("K=0,K=5").succeeded();

@@ -165,3 +165,18 @@ fn a_camera_given_twice_and_cameras_in_one_place() {
     }
     check_error(&twice, &Config { backbone: Backbone::default(), ..given_depth(900) }, is_backbone);
 }
+
+#[test]
+fn views_from_one_place_are_refused_whatever_range_is_stated() {
+    let scene = Traced::new(&demo_scene()).unwrap();
+    let first = *COURTYARD.0[0].camera();
+    let turned = |angle: f64| {
+        let by = glam::DMat3::from_rotation_y(angle) * first.rotation();
+        Camera::new(*first.intrinsics(), by, -(by * first.position())).unwrap()
+    };
+    let views = photograph(&scene, &[turned(0.0), turned(0.1), turned(0.2)]);
+    let stated = plane_sweep(1000);
+    for config in [Config { depth_range: DepthRange::Estimate, ..stated.clone() }, stated] {
+        check_error(&views, &config, |e| matches!(e, Error::NoParallax { views: 3, .. }));
+    }
+}

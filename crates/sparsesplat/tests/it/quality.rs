@@ -1,6 +1,6 @@
 use crate::{COURTYARD, given_depth, plane_sweep, psnr, run};
 use gs_scene::View;
-use sparsesplat::{Allocation, Config, DepthRange};
+use sparsesplat::{Allocation, Config, DepthRange, Head};
 
 /// Mean PSNR, decibels, of showing the context view whose camera is nearest to each target's.
 fn nearest_view_psnr() -> f64 {
@@ -40,6 +40,18 @@ fn held_out_views_from_stereo() {
     check("stereo, 8k", &plane_sweep(8_000), 5.5);
     let estimate = Config { depth_range: DepthRange::Estimate, ..plane_sweep(8_000) };
     check("stereo in an estimated range, 8k", &estimate, 5.5);
+}
+
+#[test]
+fn the_learned_head_is_better_than_the_closed_form() {
+    let of = |head: Head| {
+        let prediction = run(&COURTYARD.0, &Config { head, ..plane_sweep(8_000) });
+        (psnr(&prediction, &COURTYARD.1), prediction.head)
+    };
+    let (learned, name) = of(Head::Default);
+    let (closed_form, other) = of(Head::ClosedForm);
+    assert_ne!(name, other, "the default of this backbone is a learned head");
+    assert!(learned >= closed_form + 1.0, "{name}: {learned:.2} dB, {other}: {closed_form:.2} dB");
 }
 
 #[test]

@@ -65,7 +65,7 @@ pub(crate) fn judge_pictures(
     if summary.sizes.len() > 1 {
         let sizes = summary.sizes.iter().map(|s| format!("{} of {}x{}", s.frames, s.width, s.height));
         let text = format!(
-            "pictures have {} sizes: {}; pass --size WxH to bring all to one size",
+            "pictures have {} sizes: {}; ask for one size, to which all are scaled and cropped",
             summary.sizes.len(),
             listed(sizes)
         );
@@ -90,7 +90,8 @@ pub(crate) fn judge_pictures(
 
 fn broken_rule(error: &Error) -> &'static str {
     match error {
-        Error::TruncatedJpeg { .. } => "picture-truncated",
+        Error::DamagedJpeg { source: crate::JpegRule::NoEnd, .. } => "picture-truncated",
+        Error::DamagedJpeg { .. } => "picture-damaged",
         Error::Aspect { .. } => "picture-aspect",
         Error::TooLarge { .. } => "picture-too-large",
         _ => "picture-broken",
@@ -165,6 +166,18 @@ fn judge_look(read: &[(&Frame, &Scan)], summary: &PictureSummary, findings: &mut
             listed(jumps.iter().map(|(_, names)| names))
         );
         findings.push(finding(Severity::Note, "pictures", "brightness-jump", text));
+    }
+}
+
+/// Coordinates too large for what scenes are stored in.
+pub(crate) fn judge_offset(dataset: &Dataset, findings: &mut Vec<Finding>) {
+    if let Some(offset) = dataset.offset {
+        let text = format!(
+            "positions are far from the origin: ({}, {}, {}) is subtracted from all when they are read, as scenes are stored as 32-bit \
+             numbers",
+            offset.x, offset.y, offset.z
+        );
+        findings.push(finding(Severity::Note, dataset.file.display().to_string(), "far-from-origin", text));
     }
 }
 

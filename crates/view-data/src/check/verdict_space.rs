@@ -134,7 +134,7 @@ pub(crate) fn judge_range(range: Option<&RangeSummary>, poses_fit: bool, finding
     let text = format!(
         "98 % of the scene lies between {p2:.3} and {p98:.3} scene units, half of it nearer than {p50:.3} \
          (from {from}); \
-         --depth-range {near},{far} holds it"
+         the depth range {near},{far} holds it"
     );
     findings.push(finding(severity, "range", "range", text));
     if !poses_fit && matches!(source, RangeSource::Points) {

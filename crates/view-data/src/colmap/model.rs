@@ -31,6 +31,18 @@ const MAX_NAME: usize = 4096;
 /// Bytes of a feature: x, y, id of its point.
 const FEATURE: u64 = 24;
 
+/// Whether a line is that of an image, IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, and not one of features, which are numbers alone.
+fn is_image(text: &str) -> bool {
+    let words: Vec<&str> = text.split_whitespace().take(10).collect();
+    let is_number = |word: &&str| word.parse::<f64>().is_ok();
+    let last = text.split_whitespace().next_back();
+    words.len() == 10
+        && words[0].parse::<u32>().is_ok()
+        && words[1..8].iter().all(is_number)
+        && words[8].parse::<u32>().is_ok()
+        && !last.as_ref().is_some_and(is_number)
+}
+
 impl ModelFiles {
     /// The model in a folder, if there is one.
     pub(super) fn find(folder: &Path) -> Option<Self> {
@@ -121,11 +133,20 @@ impl ModelFiles {
         }
         let mut lines = Lines::open(&path)?;
         let mut position = 0;
-        while let Some(line) = lines.next_entry()? {
-            let found = registered_in(&line)?;
-            image(found, &|rule| line.broken(rule))?;
-            // The second line of an image may be empty, and is no comment whatever it begins with.
-            let Some(line) = lines.next_line()? else { break };
+        while let Some(first) = lines.next_entry()? {
+            let mut line = first;
+            // The second line of an image may be empty, and is no comment whatever it begins with. Files that somebody wrote by hand may
+            // have no second lines at all.
+            let second = loop {
+                let found = registered_in(&line)?;
+                image(found, &|rule| line.broken(rule))?;
+                match lines.next_line()? {
+                    Some(next) if is_image(next.text) => line = next,
+                    second => break second,
+                }
+                position += 1;
+            };
+            let Some(line) = second else { break };
             if let Some(feature) = &mut feature {
                 let words: Vec<&str> = line.text.split_whitespace().collect();
                 for triple in words.chunks(3) {

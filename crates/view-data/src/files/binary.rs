@@ -16,7 +16,7 @@ pub(crate) struct Binary {
 
 impl Binary {
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(unreadable(path))?;
+        let file = super::open(path).map_err(unreadable(path))?;
         let length = file.metadata().map_err(unreadable(path))?.len();
         Ok(Self { path: path.to_path_buf(), inner: BufReader::new(file), at: 0, length })
     }

@@ -26,7 +26,7 @@ const MAX_LINE: usize = 1 << 26;
 
 impl Lines {
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(unreadable(path))?;
+        let file = super::open(path).map_err(unreadable(path))?;
         Ok(Self { path: path.to_path_buf(), inner: BufReader::new(file), buffer: Vec::new(), number: 0 })
     }
 

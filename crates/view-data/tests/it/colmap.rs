@@ -335,3 +335,20 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_text_model_without_lines_of_features_keeps_every_image() {
+    let cameras = b"1 PINHOLE 64 48 60 60 32 24\n".as_slice();
+    let line = |id: usize, name: &str| format!("{id} 1 0 0 0 {id} 0 0 1 {name}\n");
+    // By hand without second lines; with spaces in a name; and the two mixed with what COLMAP writes.
+    let bare = [line(1, "a.png"), line(2, "b c.png"), line(3, "d.png")].concat();
+    let mixed = [line(1, "a.png"), "1.5 2 -1\n".to_owned(), line(2, "b c.png"), line(3, "d.png")].concat();
+    let written = [line(1, "a.png"), "\n".into(), line(2, "b c.png"), "\n".into(), line(3, "d.png")].concat();
+    for images in [bare, mixed, written] {
+        let folder = scene("", &[("cameras.txt", cameras), ("images.txt", images.as_bytes())]);
+        let dataset = open_colmap(folder.root()).unwrap();
+        let mut found: Vec<f64> = dataset.frames.iter().map(|frame| frame.position.x).collect();
+        found.sort_by(f64::total_cmp);
+        assert_eq!(found, [-3.0, -2.0, -1.0], "{images}");
+    }
+}

@@ -349,3 +349,33 @@ fn the_number_of_threads_changes_nothing() {
         assert!(matches!(error, Error::MissingPicture { frame, .. } if frame == "2"));
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_regular_file_or_endless_is_refused_at_once() {
+    let frame = json!({"file_path": "0.png", "depth_file_path": "d.exr", "transform_matrix": pose(0.0)});
+    let folder = one_frame(&json!({ "frames": [frame] }));
+    folder.picture("0.png", 64, 48);
+    let fifo = std::process::Command::new("mkfifo").arg(folder.path("d.exr")).status().unwrap();
+    assert!(fifo.success());
+    check_error(&folder, None, "d.exr: cannot read: it is no regular file");
+    std::fs::remove_file(folder.path("d.exr")).unwrap();
+    std::fs::write(folder.path("d.exr"), "garbage").unwrap();
+    check_error(&folder, None, "d.exr: depth is a file that does not begin as EXR files do");
+    std::fs::remove_file(folder.path("d.exr")).unwrap();
+    std::os::unix::fs::symlink("/dev/zero", folder.path("d.exr")).unwrap();
+    check_error(&folder, None, "d.exr: cannot read: it is no regular file");
+
+    // A file that promises 20 GiB and holds nothing.
+    let sparse = std::fs::File::create(folder.path("0.png")).unwrap();
+    if sparse.set_len(20 << 30).is_ok() {
+        check_error(
+            &folder,
+            None,
+            "0.png: cannot read: it has 21474836480 bytes, expected at most 1073741824",
+        );
+    }
+    std::fs::remove_file(folder.path("transforms.json")).unwrap();
+    std::os::unix::fs::symlink("/dev/zero", folder.path("transforms.json")).unwrap();
+    assert!(folder.open_error().ends_with("it is no regular file"));
+}

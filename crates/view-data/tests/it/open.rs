@@ -9,7 +9,7 @@ fn a_layout_is_recognised_by_what_lies_there() {
     let folder = Folder::new();
     let message = open(folder.root(), None).unwrap_err().to_string();
     for expected in
-        ["no data set found; looked for", "nerfstudio (transforms.json)", "colmap (cameras and images"]
+        ["no data set found; looked for", "nerfstudio (transforms.json or", "colmap (cameras and images"]
     {
         assert!(message.contains(expected), "{message}");
     }
@@ -71,4 +71,54 @@ fn a_missing_picture_keeps_its_position_and_is_listed() {
     assert!(
         matches!(dataset.load_views(&[1], None), Err(Error::MissingPicture { frame, .. }) if frame == "gone")
     );
+}
+
+#[test]
+fn what_has_no_poses_is_called_by_its_name_with_what_to_do() {
+    let folder = Folder::new();
+    let refused = |path: &str, parts: &[&str]| {
+        let error = open(&folder.path(path), None).unwrap_err();
+        assert!(matches!(error, Error::NoPoses { .. }), "{error}");
+        let message = error.to_string();
+        assert!(parts.iter().all(|part| message.contains(part)), "no {parts:?} in: {message}");
+        assert!(open_all(&folder.path(path), None).unwrap_err().to_string() == message);
+    };
+    folder.picture("flat/0.png", 4, 4);
+    folder.picture("flat/1.JPG", 4, 4);
+    folder.picture("below/images/0.png", 4, 4);
+    for file in ["clip.MP4", "set.zip", "videos/a.mov", "packed/a.tar.gz"] {
+        std::fs::write(folder.path(file), b"").unwrap();
+    }
+    refused("flat", &["flat: 2 pictures", "poses", "colmap automatic_reconstructor", "transforms.json"]);
+    refused("below", &["a picture"]);
+    refused("clip.MP4", &["a video", "ffmpeg", "colmap"]);
+    refused("videos", &["a video"]);
+    refused("set.zip", &["an archive: unpack it"]);
+    refused("packed", &["an archive"]);
+}
+
+#[test]
+fn a_folder_around_one_scene_is_that_scene_and_around_several_names_them() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("around/fox/transforms.json"), three_frames().to_string()).unwrap();
+    assert_eq!(open(&folder.root().join("around"), None).unwrap().name, "fox");
+    std::fs::write(folder.path("around/owl/transforms.json"), three_frames().to_string()).unwrap();
+    let message = open(&folder.root().join("around"), None).unwrap_err().to_string();
+    assert!(
+        message.contains("expected one scene, found 2: fox, owl") && message.contains("give"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_set_in_parts_is_opened_by_its_folder_and_says_what_it_left() {
+    let folder = Folder::new();
+    for part in ["train", "test"] {
+        std::fs::write(folder.path(&format!("transforms_{part}.json")), three_frames().to_string()).unwrap();
+    }
+    let dataset = open(folder.root(), None).unwrap();
+    assert!(dataset.file.ends_with("transforms_train.json"));
+    assert!(dataset.dropped.iter().any(|entry| entry.key == "transforms_test.json"), "{:?}", dataset.dropped);
+    folder.json(&three_frames());
+    assert!(open(folder.root(), None).unwrap().file.ends_with("transforms.json"));
 }

@@ -199,6 +199,16 @@ fn tum_names_every_broken_rule() {
 }
 
 #[test]
+fn tum_lists_without_pictures_are_named_and_not_the_camera() {
+    let (_folder, path) = sample(Format::Tum, "rgbd_dataset_freiburg3_desk");
+    std::fs::write(path.join("rgb.txt"), "# nothing\n").unwrap();
+    check_error(
+        open_tum(&path),
+        "rgb.txt: has no frames with a pose, expected at least one; it lists no pictures",
+    );
+}
+
+#[test]
 fn scannet_reads_in_the_order_of_numbers_and_lists_lost_poses() {
     let (_folder, path) = sample(Format::ScanNet, "");
     samples::picture(&path.join("color/5.jpg"), 64, 48);

@@ -173,3 +173,28 @@ fn what_cannot_be_written_is_told_and_leaves_nothing_behind() {
     write(&folder.path("scene2"), Layout::Replica, &views, &lens).unwrap();
     refused(write(&folder.path("scene3"), Layout::Replica, &views, &other), "another camera");
 }
+
+#[test]
+fn what_a_killed_process_left_is_removed_and_what_a_living_one_has_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let left = |id: &str| {
+        let left = folder.path().join(format!(".set.{id}.tmp"));
+        std::fs::create_dir_all(left.join("images")).unwrap();
+        std::fs::write(left.join(".lock"), b"").unwrap();
+        left
+    };
+    let (dead, alive, foreign) = (left("4000001"), left("4000002"), left("mine"));
+    let lock = gs_scene::lock_file(&alive.join(".lock")).unwrap();
+    assert!(lock.is_some());
+    let target = folder.path().join("set");
+    let writer = DatasetWriter::create(&target, Layout::Nerfstudio, PictureFormat::Png).unwrap();
+    assert!(!dead.exists() && alive.exists() && foreign.exists());
+    drop(writer);
+    drop(lock);
+    let mut writer = DatasetWriter::create(&target, Layout::Nerfstudio, PictureFormat::Png).unwrap();
+    assert!(!alive.exists());
+    let lens = lens(Distortion::default());
+    writer.add(&view_of_wall(0, &lens), &lens).unwrap();
+    writer.finish().unwrap();
+    assert!(!target.join(".lock").exists() && target.join("transforms.json").is_file());
+}
