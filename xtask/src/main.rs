@@ -5,6 +5,7 @@
 mod browser;
 mod consumer;
 mod run;
+mod sets;
 mod test;
 mod tidy;
 
@@ -133,7 +134,7 @@ const SAME_CASES: [(&str, &str); 1] = [("PROPTEST_RNG_SEED", "20251")];
 const EXTRAS: &str = "sparsesplat-cli/peers,sparsesplat-cli/hf-hub";
 
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 12] = [
+const CI: [Step; 13] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
@@ -157,6 +158,7 @@ const CI: [Step; 12] = [
         &[],
     ),
     Step::Cargo("test", &["xtask", "test", "--gpu", "--features", EXTRAS], &SAME_CASES),
+    Step::Check("instruction sets", sets::check),
     Step::Cargo(
         "test without rayon and serde",
         &["test", "--package", "knn", "--package", "entropy-sampler", "--no-default-features"],

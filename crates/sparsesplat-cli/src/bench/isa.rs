@@ -12,7 +12,7 @@ use candle_core::{Device, Tensor};
 use clap::Args;
 use cpu_isa::{Isa, VARIABLE};
 use cpu_kernels::{Activation, LayerNorm, Packed, Rows, multiply, multiply_transposed, rows};
-use depth_backbone::{DepthSplat, Scales, Variant, Vit};
+use depth_backbone::{DepthBackbone, DepthRange, DepthSplat, PlaneSweep, Scales, Variant, Vit, Wanted};
 use entropy_sampler::{EntropyWindow, entropy};
 use evaluate::{Recipe, SimulatedScene, Table, simulated_window};
 use glam::DVec3;
@@ -287,6 +287,10 @@ fn pictures(seconds: &mut Seconds) -> Outcome {
     let grey: Vec<u8> = views[0].image().luma8();
     time(seconds, "entropy", || entropy(&grey, 128, 80, EntropyWindow::default()).map(drop).or_work())?;
     time(seconds, "SSIM", || image_metrics::ssim(views[0].image(), views[1].image()).map(drop).or_work())?;
+    let stereo = PlaneSweep { range: DepthRange::Known { near: 2.0, far: 12.0 }, ..PlaneSweep::default() };
+    time(seconds, "plane-sweep stereo", || {
+        stereo.estimate(&views, Wanted::DepthAndFeatures).map(drop).or_work()
+    })?;
     let mut random = Random(3);
     let points: Vec<[f32; 3]> = (0..4000).map(|_| std::array::from_fn(|_| random.unit())).collect();
     time(seconds, "nearest neighbours", || knn::knn(&points, 20).map(drop).or_work())?;
