@@ -45,8 +45,7 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
             }
         }
     }
-    let Some(binary) =
-        built.iter().find(|built| built.executable.file_stem() == Some(BINARY.as_ref()))
+    let Some(binary) = built.iter().find(|built| built.executable.file_stem() == Some(BINARY.as_ref()))
     else {
         problems.push(format!("cargo did not say where it put the binary {BINARY}"));
         return Ok(problems);
@@ -77,7 +76,8 @@ fn built_by(line: &str) -> Option<Built> {
     let is_test = profile.split_once('}')?.0.contains("\"test\":true");
     let executable = path("executable")?;
     let is_binary = executable.file_stem() == Some(BINARY.as_ref());
-    (is_test || is_binary).then_some(Built { folder: path("manifest_path")?.parent()?.to_owned(), executable })
+    (is_test || is_binary)
+        .then_some(Built { folder: path("manifest_path")?.parent()?.to_owned(), executable })
 }
 
 fn has_vectors(folder: &Path) -> bool {
@@ -110,7 +110,8 @@ mod tests {
         assert_eq!(built_by(&line(false, "examples/check_case")), None);
         assert!(built_by(&line(false, BINARY)).is_some());
         assert!(has_vectors(&found.folder) && !has_vectors(Path::new("/w/crates/train")));
-        let none = r#"{"manifest_path":"/w/crates/knn/Cargo.toml","profile":{"test":true},"executable":null}"#;
+        let none =
+            r#"{"manifest_path":"/w/crates/knn/Cargo.toml","profile":{"test":true},"executable":null}"#;
         assert_eq!(built_by(none), None);
     }
 }

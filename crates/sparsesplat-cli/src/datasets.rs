@@ -1,7 +1,7 @@
 //! Data sets by name: which layouts they come in, and where they are had.
 
-use crate::arguments::Given;
 use crate::failure::Outcome;
+use crate::given::Given;
 use clap::ValueEnum;
 use serde::Serialize;
 use std::path::Path;

@@ -13,6 +13,7 @@ mod doctor;
 mod driver;
 mod eval;
 mod failure;
+mod given;
 mod output;
 mod paper;
 mod progress;
@@ -26,9 +27,10 @@ mod tradeoff;
 mod train;
 mod weights;
 
-use arguments::{Common, Given};
+use arguments::Common;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use failure::{Failure, OrFail, Outcome};
+use given::Given;
 use std::process::ExitCode;
 
 /// Turn posed photographs into a compact set of 3D Gaussians in one pass; no GPU needed

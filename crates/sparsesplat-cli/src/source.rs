@@ -1,8 +1,9 @@
 //! Which windows a command measures on.
 
-use crate::arguments::{Given, positive, size};
+use crate::arguments::{positive, size};
 use crate::datasets::Dataset;
 use crate::failure::{Failure, Outcome};
+use crate::given::Given;
 use clap::Args;
 use evaluate::{Dropped, Plan, Reading, SIMULATED_SIZE, SimulatedScene, Windows};
 use scene_sim::Kind;

@@ -1,9 +1,10 @@
 //! A sweep as the command line asks for it: what `tradeoff` and `paper` have in common.
 
-use crate::arguments::{Common, Given, LpipsWeights, Pipeline, Range, scenes, seeds};
+use crate::arguments::{Common, LpipsWeights, Pipeline, Range, scenes, seeds};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::given::Given;
 use crate::output;
 use crate::output::Outputs;
 use crate::progress::{Progress, describe};

@@ -1,9 +1,10 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, DepthSource, Given, LpipsWeights, positive, scenes, size};
+use crate::arguments::{Common, DepthSource, LpipsWeights, positive, scenes, size};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
+use crate::given::Given;
 use crate::output::{self, Outputs};
 use crate::progress::Progress;
 use crate::source::{files_of, in_the_wild, simulated};

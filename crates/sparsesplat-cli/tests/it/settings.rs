@@ -66,7 +66,7 @@ fn a_number_of_views_counts_for_more_than_an_index_that_lies_there() {
         let rest =
             ["--gaussians", "500", "--depth-range", "hint", "--head", "closed-form", "--device", "cpu"];
         call(&[&shared[..], &rest, more].concat()).succeeded();
-        read_json(Path::new(json))["windows"][0]["context"].as_array().unwrap().len()
+        read_json(Path::new(json))["scenes"][0]["context"].as_array().unwrap().len()
     };
     assert_eq!(context(&[]), 6);
     assert_eq!(context(&["--views", "4"]), 4);
