@@ -78,8 +78,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     write(folder, "by_scales", &by_scales)?;
     let logits = columns(10, 11);
     let by_opacity = |(by_logit, logit): (f32, f32)| {
-        let logit = f64::from(logit);
-        (f64::from(by_logit) * ((1.0 + logit.exp()) * (1.0 + (-logit).exp()))) as f32
+        let odds = logit.exp();
+        by_logit * (2.0 + odds + 1.0 / odds)
     };
     let by_opacities: Vec<f32> = by(10, 11).into_iter().zip(logits).map(by_opacity).collect();
     write(folder, "by_opacities", &by_opacities)?;

@@ -3,7 +3,7 @@
 //! stored = (mean, quaternion, ln scale, logit of the opacity, SH). The chain rule for a loss L:
 //! ∂L/∂scale = ∂L/∂(ln scale) / scale, ∂L/∂opacity = ∂L/∂logit / (o (1 - o)), ∂L/∂rgb = ∂L/∂dc / Y₀.
 
-use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, SH_C0, sh_coefficients};
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, SH_C0, logit, sh_coefficients};
 use rayon::prelude::*;
 
 /// Gaussians per task.
@@ -152,35 +152,41 @@ impl Activated<'_> {
     }
 
     fn store_chunk(&self, first: usize, geometry: &mut [f32], sh: &mut [f32]) -> Result<(), Fault> {
+        let n = geometry.len() / ROW;
         let sh_row = sh_coefficients(self.kind.degree()) * 3;
         let row = self.kind.row();
-        for (place, (geometry, sh)) in
-            geometry.chunks_exact_mut(ROW).zip(sh.chunks_exact_mut(sh_row)).enumerate()
-        {
-            let at = first + place;
-            let colors = &self.colors[at * row..][..sh_row];
-            geometry[MEAN].copy_from_slice(&self.means[3 * at..][..3]);
-            geometry[QUATERNION].copy_from_slice(&self.quats[4 * at..][..4]);
-            let scales = &self.scales[3 * at..][..3];
-            for (log, scale) in geometry[LOG_SCALE].iter_mut().zip(scales) {
+        let colors = &self.colors[row * first..][..row * n];
+        let means = &self.means[3 * first..][..3 * n];
+        let quats = &self.quats[4 * first..][..4 * n];
+        let scales = &self.scales[3 * first..][..3 * n];
+        let opacities = &self.opacities[first..][..n];
+        // Loops without branches, which the compiler vectorises. Only if something is wrong is it looked for.
+        let good = all_finite(means)
+            & all_finite(quats)
+            & all_finite(scales)
+            & all_finite(colors)
+            & scales.iter().fold(true, |good, scale| good & (*scale > 0.0))
+            & opacities.iter().fold(true, |good, o| good & (0.0..=1.0).contains(o))
+            & quats.chunks_exact(4).fold(true, |good, q| good & q.iter().any(|q| *q != 0.0));
+        if !good {
+            // Coefficients that are not used may hold anything.
+            (first..first + n).try_for_each(|gaussian| self.check(gaussian))?;
+        }
+        for (at, geometry) in geometry.chunks_exact_mut(ROW).enumerate() {
+            geometry[MEAN].copy_from_slice(&means[3 * at..][..3]);
+            geometry[QUATERNION].copy_from_slice(&quats[4 * at..][..4]);
+            for (log, scale) in geometry[LOG_SCALE].iter_mut().zip(&scales[3 * at..][..3]) {
                 *log = scale.ln();
             }
-            let opacity = self.opacities[at];
-            let inside = opacity.clamp(OPACITIES.0, OPACITIES.1);
-            geometry[OPACITY_LOGIT] = (inside / (1.0 - inside)).ln();
-            match self.kind {
-                Colors::Rgb => {
-                    for (dc, rgb) in sh.iter_mut().zip(colors) {
-                        *dc = (rgb - 0.5) / SH_C0;
-                    }
-                }
-                Colors::Sh { .. } => sh.copy_from_slice(colors),
-            }
-            // One look at the sum: it is finite if every number is, but for sums that overflow.
-            let sum: f32 = geometry.iter().sum::<f32>() + sh.iter().sum::<f32>();
-            let norm = geometry[QUATERNION].iter().map(|q| q.abs()).fold(0.0, f32::max);
-            if !sum.is_finite() || norm == 0.0 || !(0.0..=1.0).contains(&opacity) {
-                self.check(at)?;
+            let opacity = opacities[at].clamp(OPACITIES.0, OPACITIES.1);
+            geometry[OPACITY_LOGIT] = logit(opacity);
+        }
+        match self.kind {
+            Colors::Rgb => sh.iter_mut().zip(colors).for_each(|(dc, rgb)| *dc = (rgb - 0.5) / SH_C0),
+            Colors::Sh { .. } if row == sh_row => sh.copy_from_slice(colors),
+            Colors::Sh { .. } => {
+                let rows = sh.chunks_exact_mut(sh_row).zip(colors.chunks_exact(row));
+                rows.for_each(|(sh, colors)| sh.copy_from_slice(&colors[..sh_row]));
             }
         }
         Ok(())
@@ -217,6 +223,13 @@ impl Activated<'_> {
     }
 }
 
+/// Whether no number is NaN or infinite, by the largest of the bits that hold exponent and fraction.
+fn all_finite(numbers: &[f32]) -> bool {
+    const INFINITE: i32 = f32::INFINITY.to_bits() as i32;
+    let magnitude = |number: &f32| number.abs().to_bits() as i32;
+    numbers.iter().fold(0, |largest, number| largest.max(magnitude(number))) < INFINITE
+}
+
 /// The chain rule: gradients by what is stored, of `stored`, to gradients by the arrays that were given.
 pub(crate) fn chain(stored: &Gaussians, by_geometry: &[f32], by_sh: Vec<f32>, kind: Colors) -> ActivatedGradients {
     let n = stored.len();
@@ -244,10 +257,9 @@ pub(crate) fn chain(stored: &Gaussians, by_geometry: &[f32], by_sh: Vec<f32>, ki
                 }
                 let by_logit = gradient[OPACITY_LOGIT];
                 if by_logit != 0.0 {
-                    // 1 / (o (1 - o)) = (1 + e^x) (1 + e^-x) for the logit x: nothing cancels at either end.
-                    let logit = f64::from(stored[OPACITY_LOGIT]);
-                    let factor = (1.0 + logit.exp()) * (1.0 + (-logit).exp());
-                    opacities[place] = (f64::from(by_logit) * factor) as f32;
+                    // 1 / (o (1 - o)) = 2 + e^x + e^-x for the logit x: nothing cancels at either end.
+                    let odds = stored[OPACITY_LOGIT].exp();
+                    opacities[place] = by_logit * (2.0 + odds + 1.0 / odds);
                 }
             }
         });

@@ -54,15 +54,15 @@ pub(crate) fn read<'py, T: Element>(
             untyped.shape()
         )));
     }
-    let array = value.cast::<PyArrayDyn<T>>()?.try_readonly().map_err(|error| {
-        PyValueError::new_err(format!("{name}: cannot be read while another call writes it: {error}"))
-    })?;
-    if array.as_slice().is_err() {
+    // A slice is had of Fortran's order, too: whether it is C's is asked of the array.
+    if !untyped.is_c_contiguous() || !untyped.is_aligned() {
         return Err(PyValueError::new_err(format!(
             "{name}: not C-contiguous: make it so, by numpy.ascontiguousarray({name})"
         )));
     }
-    Ok(array)
+    value.cast::<PyArrayDyn<T>>()?.try_readonly().map_err(|error| {
+        PyValueError::new_err(format!("{name}: cannot be read while another call writes it: {error}"))
+    })
 }
 
 /// As [`read`], for an argument that may be float32 or float64.

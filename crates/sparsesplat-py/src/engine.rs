@@ -43,10 +43,17 @@ pub(crate) fn engine(_: Python<'_>) -> PyResult<&'static Engine> {
     if let Some(engine) = slot.filter(|engine| engine.process == process) {
         return Ok(engine);
     }
-    let pool = ThreadPoolBuilder::new().thread_name(|at| format!("sparsesplat-{at}")).build();
-    let pool = pool.map_err(|error| PyRuntimeError::new_err(format!("no threads to work on: {error}")))?;
-    let engine = Engine { process, pool, rasterizers: Default::default(), spare: Mutex::default() };
+    let engine = Engine { process, pool: pool()?, rasterizers: Default::default(), spare: Mutex::default() };
     Ok(slot.insert(Box::leak(Box::new(engine))))
+}
+
+/// Threads to work on: as many as cores, or as the environment variable `RAYON_NUM_THREADS` says.
+///
+/// # Errors
+/// If the system gives none.
+pub(crate) fn pool() -> PyResult<ThreadPool> {
+    let pool = ThreadPoolBuilder::new().thread_name(|at| format!("sparsesplat-{at}")).build();
+    pool.map_err(|error| PyRuntimeError::new_err(format!("no threads to work on: {error}")))
 }
 
 impl Engine {
@@ -131,10 +138,15 @@ struct Gone;
 impl Caller {
     /// Tells how far work is. If the caller is gone, it ends here.
     pub(crate) fn tell(&self, progress: Progress) {
+        self.end_if_gone();
+        (self.progress)(progress);
+    }
+
+    /// Ends work whose caller is gone.
+    pub(crate) fn end_if_gone(&self) {
         if self.gone.load(Ordering::Relaxed) {
             resume_unwind(Box::new(Gone));
         }
-        (self.progress)(progress);
     }
 }
 

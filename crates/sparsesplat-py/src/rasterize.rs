@@ -3,7 +3,7 @@
 use crate::activated::{Activated, Colors};
 use crate::arrays::{Side, give, read};
 use crate::cameras::Cameras;
-use crate::engine::{self, Engine, engine};
+use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
 use crate::tape::{Recorded, Tape};
 use gs_raster::{Device, Rasterizer, RenderSettings, Rendering};
@@ -26,7 +26,7 @@ type Recording<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyDict>,
     signature = (means, quats, scales, opacities, colors, viewmats, Ks, width, height, **settings),
     text_signature = "(means, quats, scales, opacities, colors, viewmats, Ks, width, height, *, near_plane=0.01, \
                       far_plane=1e10, eps2d=0.3, sh_degree=None, backgrounds=None, render_mode='RGB', \
-                      rasterize_mode='classic', device='auto', alpha_min=1/255, alpha_max=0.99, \
+                      rasterize_mode='classic', device='auto', alpha_min=0.00392156862745098, alpha_max=0.99, \
                       transmittance_min=1e-4, compensation_min=0.005)"
 )]
 #[expect(non_snake_case, reason = "the name of the argument")]
@@ -49,8 +49,8 @@ pub(crate) fn rasterize<'py>(
     let request = Request::read("rasterize", cameras, (width, height), settings.as_ref(), None)?;
     let (gaussians, _) = store(py, means, quats, scales, opacities, colors, sh_degree)?;
     let engine = engine(py)?;
-    let (drawn, request) = engine::run(py, None, move |_| {
-        let drawn = request.render(engine, &gaussians);
+    let (drawn, request) = engine::run(py, None, move |caller| {
+        let drawn = request.render(engine, caller, &gaussians);
         engine.recycle(gaussians);
         (drawn, request)
     })?;
@@ -63,7 +63,7 @@ pub(crate) fn rasterize<'py>(
     signature = (means, quats, scales, opacities, colors, viewmats, Ks, width, height, **settings),
     text_signature = "(means, quats, scales, opacities, colors, viewmats, Ks, width, height, *, near_plane=0.01, \
                       far_plane=1e10, eps2d=0.3, sh_degree=None, backgrounds=None, render_mode='RGB', \
-                      rasterize_mode='classic', device='auto', alpha_min=1/255, alpha_max=0.99, \
+                      rasterize_mode='classic', device='auto', alpha_min=0.00392156862745098, alpha_max=0.99, \
                       transmittance_min=1e-4, compensation_min=0.005)"
 )]
 #[expect(non_snake_case, reason = "the name of the argument")]
@@ -225,6 +225,9 @@ pub(crate) struct Run {
     pub(crate) settings: RenderSettings,
 }
 
+/// Cameras that are drawn in one go: a GPU is given the scene once for them.
+const TOGETHER: usize = 16;
+
 /// What is asked for.
 #[derive(Debug)]
 pub(crate) struct Request {
@@ -348,12 +351,17 @@ impl Request {
         Ok(Self { runs, mode, device, size, is_double: cameras.is_double, backgrounds })
     }
 
-    /// Draws every camera.
-    pub(crate) fn render(&self, engine: &Engine, gaussians: &Gaussians) -> gs_raster::Result<Drawn> {
+    /// Draws every camera; ends early if the caller is gone.
+    pub(crate) fn render(&self, engine: &Engine, caller: &Caller, gaussians: &Gaussians) -> gs_raster::Result<Drawn> {
         engine.rasterizer(self.device, |rasterizer| {
             let begin = Instant::now();
-            let views = self.runs.iter().map(|run| rasterizer.render_views(gaussians, &run.cameras, &run.settings));
-            let views = views.collect::<gs_raster::Result<Vec<_>>>()?.into_iter().flatten().collect();
+            let mut views = Vec::new();
+            for run in &self.runs {
+                for cameras in run.cameras.chunks(TOGETHER) {
+                    views.extend(rasterizer.render_views(gaussians, cameras, &run.settings)?);
+                    caller.end_if_gone();
+                }
+            }
             Ok(Drawn::new(views, rasterizer, begin))
         })
     }

@@ -121,9 +121,10 @@ pub(crate) fn reconstruct(
     };
     let refine = (refine > 0).then(|| refine::Config { stop: Stop::Steps(refine), seed, ..refine::Config::default() });
     let device = engine::device(device)?;
-    let engine = engine(py)?;
+    // Threads of its own: a call that was left may go on for a while, and nobody should wait for it.
+    let pool = engine::pool()?;
     let scene = engine::run(py, progress, move |caller| {
-        engine.install(|| {
+        pool.install(|| {
             let mut on_step = |step| caller.tell(told(step));
             let mut method = Method { refine, ..Method::feed_forward(config) };
             let (window, dropped) = source.load(&mut method, &mut on_step)?;
@@ -142,9 +143,12 @@ pub(crate) fn reconstruct(
     scene.or_raise()
 }
 
+// Python shows a default only if it is a literal.
+const _: () = assert!(SIMULATED_SIZE.0 == 480 && SIMULATED_SIZE.1 == 320);
+
 /// Photographs of a simulated courtyard, with exact depth: context views, and the held-out views between them.
 #[pyfunction]
-#[pyo3(signature = (width = SIMULATED_SIZE.0, height = SIMULATED_SIZE.1))]
+#[pyo3(signature = (width = 480, height = 320))]
 pub(crate) fn simulated_views(py: Python<'_>, width: usize, height: usize) -> PyResult<(Vec<View>, Vec<View>)> {
     let engine = engine(py)?;
     let window = engine::run(py, None, move |_| {

@@ -119,7 +119,7 @@ impl Scene {
     #[pyo3(
         signature = (viewmats, Ks, width, height, **settings),
         text_signature = "($self, viewmats, Ks, width, height, *, near_plane=None, far_plane=1e10, eps2d=0.3, \
-                          backgrounds=None, render_mode='RGB', rasterize_mode='classic', device='auto', alpha_min=1/255, \
+                          backgrounds=None, render_mode='RGB', rasterize_mode='classic', device='auto', alpha_min=0.00392156862745098, \
                           alpha_max=0.99, transmittance_min=1e-4, compensation_min=0.005)"
     )]
     #[expect(non_snake_case, reason = "the name of the argument")]
@@ -137,7 +137,7 @@ impl Scene {
         let request = Request::read("render", cameras, (width, height), settings, Some(&near))?;
         let (engine, gaussians) = (engine(py)?, Arc::clone(&self.gaussians));
         let (drawn, request) =
-            engine::run(py, None, move |_| (request.render(engine, &gaussians), request))?;
+            engine::run(py, None, move |caller| (request.render(engine, caller, &gaussians), request))?;
         request.pictures(py, drawn.or_raise()?)
     }
 
