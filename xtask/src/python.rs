@@ -44,9 +44,18 @@ fn test(root: &Path, install_torch: bool, pytest: &[&OsString]) -> Result<(), St
     let values = folder.join("rust-values");
     steps.run(
         "Rust's values",
-        cargo(["run", "--quiet", "--release", "--package", "sparsesplat-py", "--example", "rust_values", "--"])
-            .arg(&values)
-            .current_dir(root),
+        cargo([
+            "run",
+            "--quiet",
+            "--release",
+            "--package",
+            "sparsesplat-py",
+            "--example",
+            "rust_values",
+            "--",
+        ])
+        .arg(&values)
+        .current_dir(root),
     )?;
     let wheels = folder.join("wheels");
     let _ = fs::remove_dir_all(&wheels);
@@ -72,7 +81,10 @@ fn test(root: &Path, install_torch: bool, pytest: &[&OsString]) -> Result<(), St
         steps.run("torch", pip(&home).args(["install", "--quiet", "torch"]))?;
     }
     // Of the same version as what may be installed, so it would be left as it is.
-    steps.run("install", pip(&home).args(["install", "--quiet", "--force-reinstall", "--no-deps"]).arg(&wheel))?;
+    steps.run(
+        "install",
+        pip(&home).args(["install", "--quiet", "--force-reinstall", "--no-deps"]).arg(&wheel),
+    )?;
     steps.run("install", pip(&home).args(["install", "--quiet", "pytest"]).arg(&wheel))?;
 
     let python = program(&home, "python");

@@ -55,7 +55,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (views, tape) = rasterizer.record(&stored, &cameras, &settings)?;
     let pixels = SIZE.0 * SIZE.1;
     let weight = |place: usize| ((place * 7 % 11) as f32 - 5.0) / 5.0;
-    let weights = |view: usize, channels: usize| (0..pixels * channels).map(|i| weight(i + view)).collect::<Vec<_>>();
+    let weights =
+        |view: usize, channels: usize| (0..pixels * channels).map(|i| weight(i + view)).collect::<Vec<_>>();
     let gradients: Vec<PixelGradients> = (0..cameras.len())
         .map(|view| PixelGradients {
             image: weights(view, 3),
@@ -64,7 +65,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         })
         .collect();
     let found = rasterizer.backward(&stored, &tape, &gradients)?;
-    let join = |plane: &dyn Fn(&gs_raster::Rendering) -> Vec<f32>| -> Vec<f32> { views.iter().flat_map(plane).collect() };
+    let join = |plane: &dyn Fn(&gs_raster::Rendering) -> Vec<f32>| -> Vec<f32> {
+        views.iter().flat_map(plane).collect()
+    };
     write(folder, "image", &join(&|view| view.image.data().to_vec()))?;
     write(folder, "alpha", &join(&|view| view.alpha.clone()))?;
     write(folder, "depth", &join(&|view| view.depth.clone().unwrap_or_default()))?;
@@ -90,25 +93,41 @@ fn main() -> Result<(), Box<dyn Error>> {
     // A picture of the stored scene as the commands draw it, and of colours instead of SH.
     let camera = cameras[0];
     let near = near_plane(&predicted, &camera);
-    let view = rasterizer.render(&predicted, &camera, &RenderSettings { near, ..RenderSettings::default() })?;
+    let view =
+        rasterizer.render(&predicted, &camera, &RenderSettings { near, ..RenderSettings::default() })?;
     write(folder, "predicted_image", view.image.data())?;
-    let constant = predicted.sh().chunks_exact(predicted.sh().len() / predicted.len()).flat_map(|sh| &sh[..3]);
+    let constant =
+        predicted.sh().chunks_exact(predicted.sh().len() / predicted.len()).flat_map(|sh| &sh[..3]);
     let rgb: Vec<f32> = constant.map(|dc| 0.5 + SH_C0 * dc).collect();
     write(folder, "rgb", &rgb)?;
     let dc = rgb.iter().map(|rgb| (rgb - 0.5) / SH_C0).collect();
     let coloured = Gaussians::new(0, geometry.clone(), dc)?;
-    write(folder, "rgb_image", rasterizer.render(&coloured, &camera, &RenderSettings::default())?.image.data())?;
+    write(
+        folder,
+        "rgb_image",
+        rasterizer.render(&coloured, &camera, &RenderSettings::default())?.image.data(),
+    )?;
 
     // Metrics.
     let means: Vec<[f32; 3]> = columns(0, 3).as_chunks().0.to_vec();
     let neighbours = knn::knn(&means, 8)?;
     write(folder, "sq_distances", &neighbours.sq_distances)?;
     let (a, b) = (window.context[0].image(), window.context[1].image());
-    let bits = entropy_sampler::entropy(&a.luma8(), SIZE.0, SIZE.1, entropy_sampler::EntropyWindow::default())?;
+    let bits =
+        entropy_sampler::entropy(&a.luma8(), SIZE.0, SIZE.1, entropy_sampler::EntropyWindow::default())?;
     write(folder, "entropy", &bits)?;
-    let poses: Vec<Vec<f64>> = found.poses.iter().map(|pose| {
-        (0..3).flat_map(|r| { let row = pose.rotation.row(r); [row.x, row.y, row.z, pose.translation[r]] }).collect()
-    }).collect();
+    let poses: Vec<Vec<f64>> = found
+        .poses
+        .iter()
+        .map(|pose| {
+            (0..3)
+                .flat_map(|r| {
+                    let row = pose.rotation.row(r);
+                    [row.x, row.y, row.z, pose.translation[r]]
+                })
+                .collect()
+        })
+        .collect();
     let values = json!({
         "size": SIZE,
         "poses": poses,

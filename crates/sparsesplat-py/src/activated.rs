@@ -231,7 +231,12 @@ fn all_finite(numbers: &[f32]) -> bool {
 }
 
 /// The chain rule: gradients by what is stored, of `stored`, to gradients by the arrays that were given.
-pub(crate) fn chain(stored: &Gaussians, by_geometry: &[f32], by_sh: Vec<f32>, kind: Colors) -> ActivatedGradients {
+pub(crate) fn chain(
+    stored: &Gaussians,
+    by_geometry: &[f32],
+    by_sh: Vec<f32>,
+    kind: Colors,
+) -> ActivatedGradients {
     let n = stored.len();
     let mut means = vec![0.0; n * 3];
     let mut quats = vec![0.0; n * 4];

@@ -1,8 +1,8 @@
 //! Numpy arrays in and out.
 
 use numpy::{
-    Element, PyArray, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray,
-    PyUntypedArrayMethods,
+    Element, PyArray, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
+    PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -28,7 +28,9 @@ pub(crate) fn read<'py, T: Element>(
     let expected = numpy::dtype::<T>(value.py());
     let Ok(untyped) = value.cast::<PyUntypedArray>() else {
         let found = value.get_type().name()?;
-        return Err(PyTypeError::new_err(format!("{name}: expected a numpy array of {expected}, found {found}")));
+        return Err(PyTypeError::new_err(format!(
+            "{name}: expected a numpy array of {expected}, found {found}"
+        )));
     };
     if !untyped.dtype().is_equiv_to(&expected) {
         let found = untyped.dtype();

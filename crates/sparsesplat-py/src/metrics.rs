@@ -52,7 +52,9 @@ pub(crate) fn entropy<'py>(
         "reflect" => Border::Reflect,
         "clip" => Border::Clip,
         _ => {
-            return Err(PyValueError::new_err(format!("border is {border:?}, expected \"reflect\" or \"clip\"")));
+            return Err(PyValueError::new_err(format!(
+                "border is {border:?}, expected \"reflect\" or \"clip\""
+            )));
         }
     };
     let window = EntropyWindow { size: window, levels, border };

@@ -98,7 +98,8 @@ pub(crate) fn record<'py>(
 #[pyo3(signature = (device = "auto"))]
 pub(crate) fn device(py: Python<'_>, device: &str) -> PyResult<(String, Option<String>)> {
     let (device, engine) = (engine::device(device)?, engine(py)?);
-    engine::run(py, None, move |_| engine.rasterizer(device, |rasterizer| Ok(describe(rasterizer))))?.or_raise()
+    engine::run(py, None, move |_| engine.rasterizer(device, |rasterizer| Ok(describe(rasterizer))))?
+        .or_raise()
 }
 
 /// `sh_degree`, which belongs to the Gaussians, and the settings without it.
@@ -110,7 +111,9 @@ pub(crate) fn without_sh_degree<'py>(
     let mut degree = None;
     if let Some(value) = settings.get_item("sh_degree")? {
         degree = value.extract().map_err(|_| {
-            PyValueError::new_err(format!("sh_degree is {value}, expected None or a whole number from 0 to 3"))
+            PyValueError::new_err(format!(
+                "sh_degree is {value}, expected None or a whole number from 0 to 3"
+            ))
         })?;
         settings.del_item("sh_degree")?;
     }
@@ -280,9 +283,9 @@ impl Request {
         for (key, value) in settings.into_iter().flatten() {
             let name: String = key.extract()?;
             let number = |place: &mut f32| -> PyResult<()> {
-                *place = value.extract().map_err(|_| {
-                    PyTypeError::new_err(format!("{name} is {value:?}, expected a number"))
-                })?;
+                *place = value
+                    .extract()
+                    .map_err(|_| PyTypeError::new_err(format!("{name} is {value:?}, expected a number")))?;
                 Ok(())
             };
             match name.as_str() {
@@ -312,7 +315,8 @@ impl Request {
                 }
                 "backgrounds" if value.is_none() => {}
                 "backgrounds" => {
-                    let is_one = value.getattr("ndim").and_then(|ndim| ndim.extract::<usize>()).is_ok_and(|n| n == 1);
+                    let is_one =
+                        value.getattr("ndim").and_then(|ndim| ndim.extract::<usize>()).is_ok_and(|n| n == 1);
                     let per_camera = [Side::Is(cameras.all.len()), Side::Is(3)];
                     let (kind, shape) = match is_one {
                         true => (Backgrounds::One, &per_camera[1..]),
@@ -338,7 +342,9 @@ impl Request {
         } else {
             let run = |(at, camera): (usize, Camera)| {
                 let mut settings = shared;
-                if let Some(colour) = colours.get(3 * at..3 * at + 3).filter(|_| backgrounds == Backgrounds::PerCamera) {
+                if let Some(colour) =
+                    colours.get(3 * at..3 * at + 3).filter(|_| backgrounds == Backgrounds::PerCamera)
+                {
                     settings.background = [colour[0], colour[1], colour[2]];
                 }
                 if let Some(near) = near {
@@ -352,7 +358,12 @@ impl Request {
     }
 
     /// Draws every camera; ends early if the caller is gone.
-    pub(crate) fn render(&self, engine: &Engine, caller: &Caller, gaussians: &Gaussians) -> gs_raster::Result<Drawn> {
+    pub(crate) fn render(
+        &self,
+        engine: &Engine,
+        caller: &Caller,
+        gaussians: &Gaussians,
+    ) -> gs_raster::Result<Drawn> {
         engine.rasterizer(self.device, |rasterizer| {
             let begin = Instant::now();
             let mut views = Vec::new();

@@ -119,7 +119,8 @@ pub(crate) fn reconstruct(
         exposure: one_of("exposure", exposure)?,
         seed,
     };
-    let refine = (refine > 0).then(|| refine::Config { stop: Stop::Steps(refine), seed, ..refine::Config::default() });
+    let refine =
+        (refine > 0).then(|| refine::Config { stop: Stop::Steps(refine), seed, ..refine::Config::default() });
     let device = engine::device(device)?;
     // Threads of its own: a call that was left may go on for a while, and nobody should wait for it.
     let pool = engine::pool()?;
@@ -149,7 +150,11 @@ const _: () = assert!(SIMULATED_SIZE.0 == 480 && SIMULATED_SIZE.1 == 320);
 /// Photographs of a simulated courtyard, with exact depth: context views, and the held-out views between them.
 #[pyfunction]
 #[pyo3(signature = (width = 480, height = 320))]
-pub(crate) fn simulated_views(py: Python<'_>, width: usize, height: usize) -> PyResult<(Vec<View>, Vec<View>)> {
+pub(crate) fn simulated_views(
+    py: Python<'_>,
+    width: usize,
+    height: usize,
+) -> PyResult<(Vec<View>, Vec<View>)> {
     let engine = engine(py)?;
     let window = engine::run(py, None, move |_| {
         engine.install(|| simulated_window(SimulatedScene::Courtyard, (width, height)))
@@ -193,7 +198,8 @@ fn read_source(source: &Bound<'_, PyAny>, views: usize, reading: Reading) -> PyR
     if let Ok(path) = source.extract::<PathBuf>() {
         return Ok(Source::Path { path, views, reading });
     }
-    let wrong = || PyTypeError::new_err("source: expected the path of a data set, or a sequence of sparsesplat.View");
+    let wrong =
+        || PyTypeError::new_err("source: expected the path of a data set, or a sequence of sparsesplat.View");
     let given: Vec<PyRef<'_, View>> = source.extract().map_err(|_| wrong())?;
     if reading != Reading::default() {
         return Err(PyValueError::new_err("size, format and depth_range=\"hint\" are for data sets on disk"));
@@ -218,7 +224,9 @@ fn read_backbone(name: &str, planes: Option<usize>) -> PyResult<Backbone> {
         ("plane-sweep", None) => Ok(Backbone::default()),
         ("plane-sweep", Some(planes)) => Ok(Backbone::PlaneSweep { planes }),
         ("given-depth", None) => Ok(Backbone::GivenDepth),
-        ("given-depth", Some(_)) => Err(PyValueError::new_err("depth_planes is for backbone=\"plane-sweep\"")),
+        ("given-depth", Some(_)) => {
+            Err(PyValueError::new_err("depth_planes is for backbone=\"plane-sweep\""))
+        }
         _ => Err(PyValueError::new_err(format!(
             "backbone is {name:?}, expected \"plane-sweep\" or \"given-depth\" (DepthSplat's network is not part of this \
              package: use the command `sparsesplat reconstruct --backbone depthsplat`)"

@@ -104,6 +104,14 @@ def test_what_needs_no_gradient_gets_none():
     assert (wide.grad[:, 1::2] == 0).all() and wide.grad.abs().sum() > 0
 
 
+def test_alphas_alone_have_gradients():
+    arrays, views = tensors()
+    arrays["opacities"].requires_grad_()
+    _, alphas, _ = sst.rasterize(**arrays, **views, device="cpu")
+    alphas.sum().backward()
+    assert arrays["opacities"].grad.min() > 0
+
+
 def test_wrong_tensors_are_named():
     arrays, views = tensors()
     with pytest.raises(TypeError, match="means: expected dtype float32, found float64"):

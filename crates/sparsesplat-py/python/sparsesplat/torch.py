@@ -56,6 +56,9 @@ class _Rasterize(torch.autograd.Function):
             *arrays, width, height, backgrounds=_array(backgrounds), **settings
         )
         meta.update(told)
+        ctx.shape = pictures.shape
+        # A gradient by alpha that nobody has costs time if it comes as zeros.
+        ctx.set_materialize_grads(False)
         # Where each gradient belongs; the tape has its own copy of the numbers.
         given = (means, quats, scales, opacities, colors, viewmats, backgrounds)
         ctx.homes = [None if tensor is None else tensor.device for tensor in given]
@@ -64,6 +67,8 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, v_pictures, v_alphas):
+        if v_pictures is None:
+            v_pictures = torch.zeros(ctx.shape)
         found = ctx.tape.backward(_array(v_pictures), _array(v_alphas))
         gradients = [
             torch.from_numpy(found[name]).to(home) if needed else None

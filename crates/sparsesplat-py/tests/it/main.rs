@@ -58,7 +58,8 @@ fn what_is_stored_activates_to_what_was_given() {
         let arrays = Arrays::new(kind);
         let stored = arrays.store().unwrap();
         let (scales, opacities) = activated::activate(&stored);
-        for (found, given) in scales.iter().zip(&arrays.scales).chain(opacities.iter().zip(&arrays.opacities)) {
+        for (found, given) in scales.iter().zip(&arrays.scales).chain(opacities.iter().zip(&arrays.opacities))
+        {
             assert!((found / given - 1.0).abs() < 1e-6, "{found} for {given}");
         }
         let row = arrays.colors.len() / 3;
@@ -104,7 +105,10 @@ fn the_chain_rule_agrees_with_central_differences() {
                 let step = 1e-3;
                 let expected = (at(step) - at(-step)) / (2.0 * f64::from(step));
                 let error = (f64::from(gradient) - expected).abs();
-                assert!(error < 2e-3 * expected.abs().max(1.0), "{kind:?} {place}: {gradient}, differences say {expected}");
+                assert!(
+                    error < 2e-3 * expected.abs().max(1.0),
+                    "{kind:?} {place}: {gradient}, differences say {expected}"
+                );
             }
         }
     }
@@ -115,7 +119,8 @@ fn opacities_of_0_and_1_are_limits_with_finite_gradients() {
     let mut arrays = Arrays::new(Colors::Rgb);
     arrays.opacities = vec![0.0, 1.0, 0.5];
     let stored = arrays.store().unwrap();
-    let logits: Vec<f32> = stored.geometry().iter().skip(OPACITY_LOGIT).step_by(Gaussians::GEOMETRY).copied().collect();
+    let logits: Vec<f32> =
+        stored.geometry().iter().skip(OPACITY_LOGIT).step_by(Gaussians::GEOMETRY).copied().collect();
     assert!(logits.iter().all(|logit| logit.is_finite()), "{logits:?}");
     assert!(sigmoid(logits[0]) < 1e-37 && sigmoid(logits[1]) > 1.0 - 1e-6);
     // By the logit a gradient vanishes as o (1 - o) does; by the opacity it is what it was: here 1.
