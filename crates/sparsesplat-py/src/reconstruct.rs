@@ -77,7 +77,6 @@ enum Source {
     far_shell = true, exposure = "as-photographed", neighbours = 20, refine = 0, seed = 0, device = "auto", progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "those of the command, by name")]
-#[expect(clippy::fn_params_excessive_bools, reason = "one is a setting")]
 pub(crate) fn reconstruct(
     py: Python<'_>,
     source: &Bound<'_, PyAny>,

@@ -146,7 +146,8 @@ impl Scene {
         if path.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("ply")) {
             return Err(PyValueError::new_err(format!("{}: scenes are written as .ply", path.display())));
         }
-        py.detach(|| write_ply(&path, &self.gaussians)).or_raise()
+        let gaussians = &*self.gaussians;
+        py.detach(move || write_ply(&path, gaussians)).or_raise()
     }
 
     fn __len__(&self) -> usize {
@@ -161,5 +162,5 @@ impl Scene {
 /// Reads a scene from a PLY file in the layout of 3D Gaussian splatting.
 #[pyfunction]
 pub(crate) fn load_ply(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
-    Ok(Scene::new(py.detach(|| read_ply(&path)).or_raise()?, None))
+    Ok(Scene::new(py.detach(move || read_ply(&path)).or_raise()?, None))
 }

@@ -1,7 +1,5 @@
 //! What needs no interpreter: activated arrays to stored Gaussians, and the chain rule back.
 
-// Some of it serves the module alone.
-#[expect(dead_code, reason = "the module is shared with the library, which uses all of it")]
 #[path = "../../src/activated.rs"]
 mod activated;
 
@@ -43,7 +41,8 @@ impl Arrays {
     fn store(&self) -> Result<Gaussians, Fault> {
         let (n, degree) = (self.opacities.len(), self.kind.degree());
         let sh = vec![0.0; n * gs_scene::sh_coefficients(degree) * 3];
-        let mut stored = Gaussians::new(degree, vec![0.0; n * Gaussians::GEOMETRY], sh).unwrap();
+        let mut stored =
+            Gaussians::new(degree, vec![0.0; n * Gaussians::GEOMETRY], sh).expect("buffers that fit");
         self.view().store(&mut stored)?;
         Ok(stored)
     }
@@ -73,6 +72,9 @@ fn what_is_stored_activates_to_what_was_given() {
     }
 }
 
+/// One of the arrays.
+type Field = fn(&mut Arrays) -> &mut Vec<f32>;
+
 #[test]
 fn the_chain_rule_agrees_with_central_differences() {
     for kind in KINDS {
@@ -88,7 +90,7 @@ fn the_chain_rule_agrees_with_central_differences() {
             both.map(|(number, weight)| f64::from(*number) * f64::from(*weight)).sum()
         };
         let found = chain(&stored, &by_geometry, by_sh.clone(), kind);
-        let fields: [(fn(&mut Arrays) -> &mut Vec<f32>, &Vec<f32>); 5] = [
+        let fields: [(Field, &Vec<f32>); 5] = [
             (|arrays| &mut arrays.means, &found.means),
             (|arrays| &mut arrays.quats, &found.quats),
             (|arrays| &mut arrays.scales, &found.scales),
@@ -125,11 +127,8 @@ fn opacities_of_0_and_1_are_limits_with_finite_gradients() {
     assert!(sigmoid(logits[0]) < 1e-37 && sigmoid(logits[1]) > 1.0 - 1e-6);
     // By the logit a gradient vanishes as o (1 - o) does; by the opacity it is what it was: here 1.
     let mut by_geometry = vec![0.0; stored.geometry().len()];
-    let by_logit = |logit: f32| {
-        let (up, down) = (f64::from(logit).exp(), f64::from(-logit).exp());
-        (1.0 / ((1.0 + up) * (1.0 + down))) as f32
-    };
-    by_geometry[OPACITY_LOGIT + Gaussians::GEOMETRY] = by_logit(logits[1]);
+    let (up, down) = (f64::from(logits[1]).exp(), f64::from(-logits[1]).exp());
+    by_geometry[OPACITY_LOGIT + Gaussians::GEOMETRY] = (1.0 / ((1.0 + up) * (1.0 + down))) as f32;
     let found = chain(&stored, &by_geometry, vec![0.0; stored.sh().len()], Colors::Rgb);
     assert!((found.opacities[1] - 1.0).abs() < 1e-6, "{}", found.opacities[1]);
     // Gaussians that are not drawn have no gradient.
