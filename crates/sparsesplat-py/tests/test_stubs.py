@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,8 @@ def test_functions_and_classes_are_those_of_the_stubs():
                 decorators = [ast.unparse(decorator) for decorator in member.decorator_list]
                 if "property" in decorators:
                     assert inspect.isgetsetdescriptor(getattr(home, member.name)), member.name
-                else:
+                elif member.name != "__init__" or sys.version_info >= (3, 10):
+                    # Python 3.9 knows no signatures of compiled classes.
                     check(home if member.name == "__init__" else getattr(home, member.name), member)
             there = {name for name in vars(home) if not name.startswith("_")}
             assert there == {name for name in members if not name.startswith("__")}, node.name
