@@ -21,6 +21,6 @@ def test_there_are_some():
 def test_it_runs_in_an_empty_folder(line, tmp_path):
     _, *arguments = shlex.split(line)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run([sys.executable, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() and not done.stderr
