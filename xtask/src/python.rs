@@ -11,7 +11,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
-const USAGE: &str = "usage: cargo xtask python-test [--torch] [arguments of pytest]";
 /// Variable that names the interpreter.
 const VARIABLE: &str = "PYTHON";
 const CRATE: &str = "crates/sparsesplat-py";
@@ -24,7 +23,7 @@ pub(crate) fn run(root: &Path, arguments: &[OsString]) -> ExitCode {
     match test(root, !torch.is_empty(), &pytest) {
         Ok(()) => ExitCode::SUCCESS,
         Err(problem) => {
-            eprintln!("error: {problem}\n{USAGE}");
+            eprintln!("error: {problem}");
             ExitCode::FAILURE
         }
     }
