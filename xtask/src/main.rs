@@ -4,6 +4,7 @@
 
 mod browser;
 mod consumer;
+mod python;
 mod run;
 mod sets;
 mod test;
@@ -38,6 +39,8 @@ Checks for developers:
   test --gpu   those that need a graphics adapter as well; a software one does, without any it fails
   browser-test [PAGE ...]
                reports in a real browser (Chromium): plots, pictures, sliders, console; without a page it makes them first
+  python-test [--torch] [ARGUMENTS OF PYTEST]
+               the Python module: wheel, fresh environment, pytest, and with torch its example
   shader NAME  a shader as it is compiled; without a name it lists them
   tidy         rules that no compiler knows: file sizes, paths in documents, names of crates
   ci           formatting, lints, tidy, tests with --gpu, documentation, packages, use from outside: all that must pass
@@ -70,6 +73,7 @@ fn main() -> ExitCode {
         Some(name) if FORWARDED.contains(&name) => forward(root, name, &rest),
         Some("test") => test::run(root, &rest),
         Some("browser-test") => browser::run(root, &rest, |folder| pages(root, folder)),
+        Some("python-test") => python::run(root, &rest),
         Some("shader") => run::exit_code(cargo(SHADER).args(rest).current_dir(root).status()),
         Some("tidy") => run::all(root, &[TIDY]),
         Some("ci") => run::all(root, &CI),

@@ -94,6 +94,12 @@ impl Image {
         [self.data[i], self.data[i + 1], self.data[i + 2]]
     }
 
+    /// The values `[height, width, 3]`, without a copy.
+    #[must_use]
+    pub fn into_data(self) -> Vec<f32> {
+        self.data
+    }
+
     /// Luma `[height, width]`, 0.299 R + 0.587 G + 0.114 B (BT.601), in the range of the image.
     #[must_use]
     pub fn luma(&self) -> Vec<f32> {

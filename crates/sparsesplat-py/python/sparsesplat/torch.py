@@ -1,0 +1,87 @@
+"""The renderer as an operation of PyTorch, with gradients.
+
+Tensors may be on any device: they are brought to the CPU's memory, rendered by `device`, and the pictures are brought back to where
+`means` is. On the CPU nothing is copied on the way in.
+"""
+
+from typing import Any, Dict, Optional, Tuple
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from . import _native
+
+__all__ = ["rasterize"]
+
+_WITH_GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmats", "backgrounds")
+
+
+def rasterize(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    colors: Tensor,
+    viewmats: Tensor,
+    Ks: Tensor,
+    width: int,
+    height: int,
+    *,
+    backgrounds: Optional[Tensor] = None,
+    **settings: Any,
+) -> Tuple[Tensor, Tensor, Dict[str, Any]]:
+    """`sparsesplat.rasterize` on tensors, with its settings by name.
+
+    Gradients flow to means, quats, scales, opacities, colors, viewmats and backgrounds. `Ks` has none: one that requires a
+    gradient is a ValueError.
+    """
+    if Ks.requires_grad:
+        raise ValueError("Ks: the renderer has no gradients by the intrinsics, pass Ks.detach()")
+    given = (means, quats, scales, opacities, colors, viewmats, backgrounds)
+    meta: Dict[str, Any] = {}
+    if torch.is_grad_enabled() and any(tensor is not None and tensor.requires_grad for tensor in given):
+        pictures, alphas = _Rasterize.apply(*given, Ks, width, height, settings, meta)
+        return pictures, alphas, meta
+    arrays = [_array(tensor) for tensor in (means, quats, scales, opacities, colors, viewmats, Ks)]
+    pictures, alphas, meta = _native.rasterize(*arrays, width, height, backgrounds=_array(backgrounds), **settings)
+    return _tensor(pictures, means), _tensor(alphas, means), meta
+
+
+class _Rasterize(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, means, quats, scales, opacities, colors, viewmats, backgrounds, Ks, width, height, settings, meta):
+        arrays = [_array(tensor) for tensor in (means, quats, scales, opacities, colors, viewmats, Ks)]
+        pictures, alphas, told, ctx.tape = _native.record(
+            *arrays, width, height, backgrounds=_array(backgrounds), **settings
+        )
+        meta.update(told)
+        ctx.shape = pictures.shape
+        # A gradient by alpha that nobody has costs time if it comes as zeros.
+        ctx.set_materialize_grads(False)
+        # Where each gradient belongs; the tape has its own copy of the numbers.
+        given = (means, quats, scales, opacities, colors, viewmats, backgrounds)
+        ctx.homes = [None if tensor is None else tensor.device for tensor in given]
+        return _tensor(pictures, means), _tensor(alphas, means)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, v_pictures, v_alphas):
+        if v_pictures is None:
+            v_pictures = torch.zeros(ctx.shape)
+        found = ctx.tape.backward(_array(v_pictures), _array(v_alphas))
+        gradients = [
+            torch.from_numpy(found[name]).to(home) if needed else None
+            for name, home, needed in zip(_WITH_GRADIENTS, ctx.homes, ctx.needs_input_grad)
+        ]
+        return (*gradients, None, None, None, None, None)
+
+
+def _array(tensor: Optional[Tensor]):
+    """The tensor as a numpy array, C-contiguous, on the CPU: without a copy if it is so already."""
+    return None if tensor is None else tensor.detach().cpu().contiguous().numpy()
+
+
+def _tensor(array, like: Tensor) -> Tensor:
+    """The array as a tensor on the device of another, without a copy if that is the CPU."""
+    return torch.from_numpy(array).to(like.device)

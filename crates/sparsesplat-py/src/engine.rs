@@ -1,0 +1,209 @@
+//! Where work is done: threads and rasterizers of this process.
+//!
+//! Work runs on a thread of its own while the caller's waits without the interpreter's lock, so that other Python threads run
+//! and Ctrl-C comes through.
+
+use gs_raster::{Device, Rasterizer};
+use gs_scene::Gaussians;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+/// How often a waiting caller looks for signals.
+const SIGNALS: Duration = Duration::from_millis(50);
+/// Sets of Gaussians that are kept to be filled anew: fresh memory costs as much time as filling it. A training step has one tape.
+const SPARE: usize = 2;
+
+/// Threads, rasterizers and buffers of one process.
+pub(crate) struct Engine {
+    process: u32,
+    pool: ThreadPool,
+    /// One per device; taken out while it works.
+    rasterizers: [Mutex<Option<Rasterizer>>; 3],
+    spare: Mutex<Vec<Gaussians>>,
+}
+
+/// The engine of this process. Only looked at while the interpreter is attached: a fork, which Python does in such a moment,
+/// never finds it locked.
+static ENGINE: Mutex<Option<&'static Engine>> = Mutex::new(None);
+
+/// The engine. After a fork the child gets its own, because threads do not survive one; the parent's is left alone.
+///
+/// # Errors
+/// If the system gives no threads.
+pub(crate) fn engine(_: Python<'_>) -> PyResult<&'static Engine> {
+    let mut slot = lock(&ENGINE);
+    let process = std::process::id();
+    if let Some(engine) = slot.filter(|engine| engine.process == process) {
+        return Ok(engine);
+    }
+    let engine = Engine { process, pool: pool()?, rasterizers: Default::default(), spare: Mutex::default() };
+    Ok(slot.insert(Box::leak(Box::new(engine))))
+}
+
+/// Threads to work on: as many as cores, or as the environment variable `RAYON_NUM_THREADS` says.
+///
+/// # Errors
+/// If the system gives none.
+pub(crate) fn pool() -> PyResult<ThreadPool> {
+    let pool = ThreadPoolBuilder::new().thread_name(|at| format!("sparsesplat-{at}")).build();
+    pool.map_err(|error| PyRuntimeError::new_err(format!("no threads to work on: {error}")))
+}
+
+impl Engine {
+    /// The process that this engine belongs to.
+    pub(crate) fn process(&self) -> u32 {
+        self.process
+    }
+
+    /// Works on the threads of the engine.
+    pub(crate) fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.pool.install(work)
+    }
+
+    /// Works with the rasterizer of a device, on the threads of the engine. Must not be called from one of these: a thread that
+    /// waits for the rasterizer would keep the one that has it from going on.
+    pub(crate) fn rasterizer<T: Send>(
+        &self,
+        device: Device,
+        work: impl FnOnce(&mut Rasterizer) -> gs_raster::Result<T> + Send,
+    ) -> gs_raster::Result<T> {
+        let mut slot = lock(&self.rasterizers[device as usize]);
+        // After a panic the slot is empty, and the next call makes a new one.
+        let mut rasterizer = slot.take().map_or_else(|| Rasterizer::new(device), Ok)?;
+        let result = self.pool.install(|| work(&mut rasterizer));
+        *slot = Some(rasterizer);
+        result
+    }
+
+    /// Gaussians to be filled, with some content.
+    pub(crate) fn blank(&self, n: usize, sh_degree: usize) -> gs_scene::Result<Gaussians> {
+        let mut spare = lock(&self.spare);
+        let fits = |gaussians: &Gaussians| (gaussians.len(), gaussians.sh_degree()) == (n, sh_degree);
+        if let Some(at) = spare.iter().position(fits) {
+            return Ok(spare.swap_remove(at));
+        }
+        drop(spare);
+        let sh = n * gs_scene::sh_coefficients(sh_degree) * 3;
+        Gaussians::new(sh_degree, vec![0.0; n * Gaussians::GEOMETRY], vec![0.0; sh])
+    }
+
+    /// Takes Gaussians back that nobody needs any more.
+    pub(crate) fn recycle(&self, gaussians: Gaussians) {
+        let mut spare = lock(&self.spare);
+        spare.insert(0, gaussians);
+        spare.truncate(SPARE);
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // What is behind these locks is whole at every moment.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The device of a name.
+pub(crate) fn device(name: &str) -> PyResult<Device> {
+    match name {
+        "auto" => Ok(Device::Auto),
+        "gpu" => Ok(Device::Gpu),
+        "cpu" => Ok(Device::Cpu),
+        _ => Err(PyValueError::new_err(format!("device is {name:?}, expected \"auto\", \"gpu\" or \"cpu\""))),
+    }
+}
+
+/// What work says while it goes on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Progress {
+    /// What is being done.
+    pub(crate) stage: &'static str,
+    /// Share of this stage that is behind, 0 to 1.
+    pub(crate) share: f64,
+}
+
+/// The way from work to its caller.
+pub(crate) struct Caller {
+    gone: Arc<AtomicBool>,
+    progress: Box<dyn Fn(Progress) + Send + Sync>,
+}
+
+/// What unwinds work whose caller is gone.
+struct Gone;
+
+impl Caller {
+    /// Tells how far work is. If the caller is gone, it ends here.
+    pub(crate) fn tell(&self, progress: Progress) {
+        self.end_if_gone();
+        (self.progress)(progress);
+    }
+
+    /// Ends work whose caller is gone.
+    pub(crate) fn end_if_gone(&self) {
+        if self.gone.load(Ordering::Relaxed) {
+            resume_unwind(Box::new(Gone));
+        }
+    }
+}
+
+enum Message<T> {
+    Progress(Progress),
+    Done(thread::Result<T>),
+}
+
+/// Does `work` on a thread of its own and waits for it, detached from the interpreter. On Ctrl-C, or if `progress` raises, the
+/// exception is returned at once; work ends where it next tells its progress, or runs to its end unheard.
+///
+/// # Errors
+/// What `progress` or a signal handler raises; a `RuntimeError` if there is no thread.
+pub(crate) fn run<T: Send + 'static>(
+    py: Python<'_>,
+    progress: Option<&Bound<'_, PyAny>>,
+    work: impl FnOnce(&Caller) -> T + Send + 'static,
+) -> PyResult<T> {
+    let (sender, receiver) = mpsc::channel();
+    let gone = Arc::new(AtomicBool::new(false));
+    let telling = sender.clone();
+    let caller = Caller {
+        gone: Arc::clone(&gone),
+        // A caller that is gone does not listen.
+        progress: Box::new(move |progress| drop(telling.send(Message::Progress(progress)))),
+    };
+    let job = move || {
+        let outcome = catch_unwind(AssertUnwindSafe(|| work(&caller)));
+        drop(sender.send(Message::Done(outcome)));
+    };
+    thread::Builder::new()
+        .name("sparsesplat".to_owned())
+        .spawn(job)
+        .map_err(|error| PyRuntimeError::new_err(format!("no thread to work on: {error}")))?;
+    let leave = |error| {
+        gone.store(true, Ordering::Relaxed);
+        Err(error)
+    };
+    let receiver = Mutex::new(receiver);
+    loop {
+        if let Err(error) = py.check_signals() {
+            return leave(error);
+        }
+        match py.detach(|| lock(&receiver).recv_timeout(SIGNALS)) {
+            Ok(Message::Done(Ok(result))) => return Ok(result),
+            // A broken invariant of ours: pyo3 makes a PanicException of it.
+            Ok(Message::Done(Err(panic))) => resume_unwind(panic),
+            Ok(Message::Progress(Progress { stage, share })) => {
+                let Some(progress) = progress else { continue };
+                if let Err(error) = progress.call1((stage, share)) {
+                    return leave(error);
+                }
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                return Err(PyRuntimeError::new_err("the thread that worked is gone"));
+            }
+        }
+    }
+}

@@ -1,0 +1,449 @@
+//! `rasterize` and `record`: activated arrays and matrices in, pictures out.
+
+use crate::activated::{Activated, Colors};
+use crate::arrays::{Side, give, read};
+use crate::cameras::Cameras;
+use crate::engine::{self, Caller, Engine, engine};
+use crate::failure::OrRaise;
+use crate::tape::{Recorded, Tape};
+use gs_raster::{Device, Rasterizer, RenderSettings, Rendering};
+use gs_scene::{Camera, Gaussians};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Colours, alphas, meta.
+pub(crate) type Pictures<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyDict>);
+/// Colours, alphas, meta, tape.
+type Recording<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyDict>, Tape);
+
+/// Pictures of Gaussians: colours [C, height, width, X], alphas [C, height, width, 1], and a dict that says what was drawn.
+#[pyfunction]
+#[pyo3(
+    signature = (means, quats, scales, opacities, colors, viewmats, Ks, width, height, **settings),
+    text_signature = "(means, quats, scales, opacities, colors, viewmats, Ks, width, height, *, near_plane=0.01, \
+                      far_plane=1e10, eps2d=0.3, sh_degree=None, backgrounds=None, render_mode='RGB', \
+                      rasterize_mode='classic', device='auto', alpha_min=0.00392156862745098, alpha_max=0.99, \
+                      transmittance_min=1e-4, compensation_min=0.005)"
+)]
+#[expect(non_snake_case, reason = "the name of the argument")]
+#[expect(clippy::too_many_arguments, reason = "those of gsplat")]
+pub(crate) fn rasterize<'py>(
+    py: Python<'py>,
+    means: &Bound<'py, PyAny>,
+    quats: &Bound<'py, PyAny>,
+    scales: &Bound<'py, PyAny>,
+    opacities: &Bound<'py, PyAny>,
+    colors: &Bound<'py, PyAny>,
+    viewmats: &Bound<'py, PyAny>,
+    Ks: &Bound<'py, PyAny>,
+    width: usize,
+    height: usize,
+    settings: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Pictures<'py>> {
+    let (sh_degree, settings) = without_sh_degree(settings)?;
+    let cameras = Cameras::read(viewmats, Ks, width, height)?;
+    let request = Request::read("rasterize", cameras, (width, height), settings.as_ref(), None)?;
+    let (gaussians, _) = store(py, means, quats, scales, opacities, colors, sh_degree)?;
+    let engine = engine(py)?;
+    let (drawn, request) = engine::run(py, None, move |caller| {
+        let drawn = request.render(engine, caller, &gaussians);
+        engine.recycle(gaussians);
+        (drawn, request)
+    })?;
+    request.pictures(py, drawn.or_raise()?)
+}
+
+/// As rasterize, and a tape, whose method backward gives the gradients.
+#[pyfunction]
+#[pyo3(
+    signature = (means, quats, scales, opacities, colors, viewmats, Ks, width, height, **settings),
+    text_signature = "(means, quats, scales, opacities, colors, viewmats, Ks, width, height, *, near_plane=0.01, \
+                      far_plane=1e10, eps2d=0.3, sh_degree=None, backgrounds=None, render_mode='RGB', \
+                      rasterize_mode='classic', device='auto', alpha_min=0.00392156862745098, alpha_max=0.99, \
+                      transmittance_min=1e-4, compensation_min=0.005)"
+)]
+#[expect(non_snake_case, reason = "the name of the argument")]
+#[expect(clippy::too_many_arguments, reason = "those of gsplat")]
+pub(crate) fn record<'py>(
+    py: Python<'py>,
+    means: &Bound<'py, PyAny>,
+    quats: &Bound<'py, PyAny>,
+    scales: &Bound<'py, PyAny>,
+    opacities: &Bound<'py, PyAny>,
+    colors: &Bound<'py, PyAny>,
+    viewmats: &Bound<'py, PyAny>,
+    Ks: &Bound<'py, PyAny>,
+    width: usize,
+    height: usize,
+    settings: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Recording<'py>> {
+    let (sh_degree, settings) = without_sh_degree(settings)?;
+    let cameras = Cameras::read(viewmats, Ks, width, height)?;
+    let request = Arc::new(Request::read("record", cameras, (width, height), settings.as_ref(), None)?);
+    let (gaussians, kind) = store(py, means, quats, scales, opacities, colors, sh_degree)?;
+    let engine = engine(py)?;
+    let asked = Arc::clone(&request);
+    let (drawn, recorded) =
+        engine::run(py, None, move |_| Recorded::new(engine, gaussians, kind, asked))?.or_raise()?;
+    let (colors, alphas, meta) = request.pictures(py, drawn)?;
+    Ok((colors, alphas, meta, Tape::new(recorded)))
+}
+
+/// What `device` stands for on this machine: the name of the adapter, or "cpu"; and why "auto" took the CPU.
+#[pyfunction]
+#[pyo3(signature = (device = "auto"))]
+pub(crate) fn device(py: Python<'_>, device: &str) -> PyResult<(String, Option<String>)> {
+    let (device, engine) = (engine::device(device)?, engine(py)?);
+    engine::run(py, None, move |_| engine.rasterizer(device, |rasterizer| Ok(describe(rasterizer))))?
+        .or_raise()
+}
+
+/// `sh_degree`, which belongs to the Gaussians, and the settings without it.
+pub(crate) fn without_sh_degree<'py>(
+    settings: Option<&Bound<'py, PyDict>>,
+) -> PyResult<(Option<usize>, Option<Bound<'py, PyDict>>)> {
+    let Some(settings) = settings else { return Ok((None, None)) };
+    let settings = settings.copy()?;
+    let mut degree = None;
+    if let Some(value) = settings.get_item("sh_degree")? {
+        degree = value.extract().map_err(|_| {
+            PyValueError::new_err(format!(
+                "sh_degree is {value}, expected None or a whole number from 0 to 3"
+            ))
+        })?;
+        settings.del_item("sh_degree")?;
+    }
+    Ok((degree, Some(settings)))
+}
+
+/// Activated arrays to stored Gaussians.
+///
+/// # Errors
+/// `TypeError` or `ValueError` for arrays of another dtype, shape or layout, and for numbers that no Gaussian has.
+pub(crate) fn store(
+    py: Python<'_>,
+    means: &Bound<'_, PyAny>,
+    quats: &Bound<'_, PyAny>,
+    scales: &Bound<'_, PyAny>,
+    opacities: &Bound<'_, PyAny>,
+    colors: &Bound<'_, PyAny>,
+    sh_degree: Option<usize>,
+) -> PyResult<(Gaussians, Colors)> {
+    let means = read::<f32>("means", means, &[Side::Any("N"), Side::Is(3)])?;
+    let means = means.as_slice()?;
+    let n = means.len() / 3;
+    let quats = read::<f32>("quats", quats, &[Side::Is(n), Side::Is(4)])?;
+    let scales = read::<f32>("scales", scales, &[Side::Is(n), Side::Is(3)])?;
+    let opacities = read::<f32>("opacities", opacities, &[Side::Is(n)])?;
+    let (colors, kind) = match sh_degree {
+        None => (read::<f32>("colors", colors, &[Side::Is(n), Side::Is(3)])?, Colors::Rgb),
+        Some(degree) => {
+            let sh = read::<f32>("colors", colors, &[Side::Is(n), Side::Any("K"), Side::Is(3)])?;
+            let per_gaussian = numpy::PyUntypedArrayMethods::shape(&*sh)[1];
+            // A degree that there is not is an error of its own below.
+            if degree <= 3 && per_gaussian < gs_scene::sh_coefficients(degree) {
+                return Err(PyValueError::new_err(format!(
+                    "colors: {per_gaussian} SH coefficients per Gaussian, sh_degree {degree} needs {}",
+                    gs_scene::sh_coefficients(degree)
+                )));
+            }
+            (sh, Colors::Sh { degree, per_gaussian })
+        }
+    };
+    let activated = Activated {
+        means,
+        quats: quats.as_slice()?,
+        scales: scales.as_slice()?,
+        opacities: opacities.as_slice()?,
+        colors: colors.as_slice()?,
+        kind,
+    };
+    let engine = engine(py)?;
+    let stored = py.detach(|| {
+        let mut stored = engine.blank(n, kind.degree()).map_err(Unfit::Scene)?;
+        engine.install(|| activated.store(&mut stored)).map_err(Unfit::Number)?;
+        Ok(stored)
+    });
+    match stored {
+        Ok(stored) => Ok((stored, kind)),
+        Err(Unfit::Scene(error)) => Err(error).or_raise(),
+        Err(Unfit::Number(error)) => Err(error).or_raise(),
+    }
+}
+
+enum Unfit {
+    Scene(gs_scene::Error),
+    Number(crate::activated::Fault),
+}
+
+/// What a picture consists of: gsplat's `render_mode`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Mode {
+    /// Whether there are colours.
+    pub(crate) colors: bool,
+    /// Whether there is depth, in the last channel.
+    pub(crate) depth: Option<Depth>,
+}
+
+/// Depth of a pixel, scene units; w are the shares of the Gaussians in it, z their z-depths.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Depth {
+    /// Σ w z.
+    Accumulated,
+    /// Σ w z / Σ w, 0 where nothing is drawn.
+    Expected,
+}
+
+impl Mode {
+    fn of(name: &str) -> PyResult<Self> {
+        let (colors, depth) = match name {
+            "RGB" => (true, None),
+            "D" => (false, Some(Depth::Accumulated)),
+            "ED" => (false, Some(Depth::Expected)),
+            "RGB+D" => (true, Some(Depth::Accumulated)),
+            "RGB+ED" => (true, Some(Depth::Expected)),
+            _ => {
+                return Err(PyValueError::new_err(format!(
+                    "render_mode is {name:?}, expected \"RGB\", \"D\", \"ED\", \"RGB+D\" or \"RGB+ED\""
+                )));
+            }
+        };
+        Ok(Self { colors, depth })
+    }
+
+    /// Numbers per pixel.
+    pub(crate) fn channels(self) -> usize {
+        3 * usize::from(self.colors) + usize::from(self.depth.is_some())
+    }
+}
+
+/// Cameras that are rendered with the same settings.
+#[derive(Debug, Clone)]
+pub(crate) struct Run {
+    pub(crate) cameras: Vec<Camera>,
+    pub(crate) settings: RenderSettings,
+}
+
+/// Cameras that are drawn in one go: a GPU is given the scene once for them.
+const TOGETHER: usize = 16;
+
+/// What is asked for.
+#[derive(Debug)]
+pub(crate) struct Request {
+    pub(crate) runs: Vec<Run>,
+    pub(crate) mode: Mode,
+    pub(crate) device: Device,
+    /// Width and height, pixels.
+    pub(crate) size: (usize, usize),
+    /// Whether the matrices of the cameras were float64.
+    pub(crate) is_double: bool,
+    /// What the backgrounds were.
+    pub(crate) backgrounds: Backgrounds,
+}
+
+/// The shape of `backgrounds`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Backgrounds {
+    None,
+    /// `[3]`: one for all.
+    One,
+    /// `[C, 3]`.
+    PerCamera,
+}
+
+/// A batch as it was drawn.
+pub(crate) struct Drawn {
+    pub(crate) views: Vec<Rendering>,
+    device: (String, Option<String>),
+    /// Seconds in the renderer.
+    seconds: f64,
+}
+
+impl Request {
+    /// Reads the settings, named as gsplat's where they are its. Without a near plane, `near` gives one per camera.
+    ///
+    /// # Errors
+    /// For settings that there are not, and for values that are none.
+    pub(crate) fn read(
+        function: &str,
+        cameras: Cameras,
+        size: (usize, usize),
+        settings: Option<&Bound<'_, PyDict>>,
+        near: Option<&dyn Fn(&Camera) -> f32>,
+    ) -> PyResult<Self> {
+        let mut shared = RenderSettings::default();
+        let mut mode = Mode { colors: true, depth: None };
+        let mut device = Device::Auto;
+        let (mut backgrounds, mut colours) = (Backgrounds::None, Vec::new());
+        let mut near = near;
+        for (key, value) in settings.into_iter().flatten() {
+            let name: String = key.extract()?;
+            let number = |place: &mut f32| -> PyResult<()> {
+                *place = value
+                    .extract()
+                    .map_err(|_| PyTypeError::new_err(format!("{name} is {value:?}, expected a number")))?;
+                Ok(())
+            };
+            match name.as_str() {
+                "near_plane" if near.is_some() && value.is_none() => {}
+                "near_plane" => {
+                    near = None;
+                    number(&mut shared.near)?;
+                }
+                "far_plane" => number(&mut shared.far)?,
+                "eps2d" => number(&mut shared.eps2d)?,
+                "alpha_min" => number(&mut shared.alpha_min)?,
+                "alpha_max" => number(&mut shared.alpha_max)?,
+                "transmittance_min" => number(&mut shared.transmittance_min)?,
+                "compensation_min" => number(&mut shared.compensation_min)?,
+                "render_mode" => mode = Mode::of(&text(&name, &value)?)?,
+                "device" => device = engine::device(&text(&name, &value)?)?,
+                "rasterize_mode" => {
+                    shared.antialias = match text(&name, &value)?.as_str() {
+                        "classic" => false,
+                        "antialiased" => true,
+                        other => {
+                            return Err(PyValueError::new_err(format!(
+                                "rasterize_mode is {other:?}, expected \"classic\" or \"antialiased\""
+                            )));
+                        }
+                    };
+                }
+                "backgrounds" if value.is_none() => {}
+                "backgrounds" => {
+                    let is_one =
+                        value.getattr("ndim").and_then(|ndim| ndim.extract::<usize>()).is_ok_and(|n| n == 1);
+                    let per_camera = [Side::Is(cameras.all.len()), Side::Is(3)];
+                    let (kind, shape) = match is_one {
+                        true => (Backgrounds::One, &per_camera[1..]),
+                        false => (Backgrounds::PerCamera, &per_camera[..]),
+                    };
+                    backgrounds = kind;
+                    colours = read::<f32>("backgrounds", &value, shape)?.as_slice()?.to_vec();
+                }
+                _ => {
+                    return Err(PyTypeError::new_err(format!(
+                        "{function}() got an unexpected keyword argument '{name}'"
+                    )));
+                }
+            }
+        }
+        shared.depth = mode.depth.is_some();
+        if backgrounds == Backgrounds::One {
+            shared.background = [colours[0], colours[1], colours[2]];
+        }
+        let one_run = backgrounds != Backgrounds::PerCamera && near.is_none();
+        let runs = if one_run {
+            vec![Run { cameras: cameras.all, settings: shared }]
+        } else {
+            let run = |(at, camera): (usize, Camera)| {
+                let mut settings = shared;
+                if let Some(colour) =
+                    colours.get(3 * at..3 * at + 3).filter(|_| backgrounds == Backgrounds::PerCamera)
+                {
+                    settings.background = [colour[0], colour[1], colour[2]];
+                }
+                if let Some(near) = near {
+                    settings.near = near(&camera);
+                }
+                Run { cameras: vec![camera], settings }
+            };
+            cameras.all.into_iter().enumerate().map(run).collect()
+        };
+        Ok(Self { runs, mode, device, size, is_double: cameras.is_double, backgrounds })
+    }
+
+    /// Draws every camera; ends early if the caller is gone.
+    pub(crate) fn render(
+        &self,
+        engine: &Engine,
+        caller: &Caller,
+        gaussians: &Gaussians,
+    ) -> gs_raster::Result<Drawn> {
+        engine.rasterizer(self.device, |rasterizer| {
+            let begin = Instant::now();
+            let mut views = Vec::new();
+            for run in &self.runs {
+                for cameras in run.cameras.chunks(TOGETHER) {
+                    views.extend(rasterizer.render_views(gaussians, cameras, &run.settings)?);
+                    caller.end_if_gone();
+                }
+            }
+            Ok(Drawn::new(views, rasterizer, begin))
+        })
+    }
+
+    /// What was drawn, as arrays, and the dict that tells of it.
+    pub(crate) fn pictures<'py>(&self, py: Python<'py>, drawn: Drawn) -> PyResult<Pictures<'py>> {
+        let (count, (width, height)) = (drawn.views.len(), self.size);
+        let meta = PyDict::new(py);
+        meta.set_item("width", width)?;
+        meta.set_item("height", height)?;
+        meta.set_item("n_cameras", count)?;
+        let stats = || drawn.views.iter().map(|view| view.stats);
+        meta.set_item("visible", stats().map(|stats| stats.visible).collect::<Vec<_>>())?;
+        meta.set_item("rejected", stats().map(|stats| stats.rejected).collect::<Vec<_>>())?;
+        meta.set_item("intersections", stats().map(|stats| stats.intersections).collect::<Vec<_>>())?;
+        meta.set_item("device", &drawn.device.0)?;
+        meta.set_item("fallback", &drawn.device.1)?;
+        meta.set_item("seconds", drawn.seconds)?;
+        let mode = self.mode;
+        let engine = engine(py)?;
+        let (colors, alphas) = py.detach(|| engine.install(|| assemble(drawn.views, mode)));
+        let colors = give(py, colors, [count, height, width, mode.channels()])?;
+        Ok((colors, give(py, alphas, [count, height, width, 1])?, meta))
+    }
+}
+
+impl Drawn {
+    pub(crate) fn new(views: Vec<Rendering>, rasterizer: &Rasterizer, begin: Instant) -> Self {
+        let seconds = begin.elapsed().as_secs_f64();
+        Self { views, device: describe(rasterizer), seconds }
+    }
+}
+
+/// The pictures and the opacities of all views, one after the other. Of one view without depth nothing is copied.
+fn assemble(views: Vec<Rendering>, mode: Mode) -> (Vec<f32>, Vec<f32>) {
+    if let ([_], Mode { colors: true, depth: None }) = (&views[..], mode) {
+        let view = views.into_iter().next().expect("one view");
+        return (view.image.into_data(), view.alpha);
+    }
+    let pixels = views.first().map_or(0, |view| view.alpha.len());
+    let (channels, row) = (mode.channels(), 1 << 12);
+    let mut colors = vec![0.0; views.len() * pixels * channels];
+    for (view, out) in views.iter().zip(colors.chunks_exact_mut((pixels * channels).max(1))) {
+        let depth = view.depth.as_deref().unwrap_or_default();
+        out.par_chunks_mut(row * channels).enumerate().for_each(|(at, out)| {
+            for (at, out) in (at * row..).zip(out.chunks_exact_mut(channels)) {
+                if mode.colors {
+                    out[..3].copy_from_slice(&view.image.data()[3 * at..][..3]);
+                }
+                match mode.depth {
+                    None => {}
+                    Some(Depth::Expected) => out[channels - 1] = depth[at],
+                    Some(Depth::Accumulated) => out[channels - 1] = depth[at] * view.alpha[at],
+                }
+            }
+        });
+    }
+    let alphas = views.into_iter().flat_map(|view| view.alpha).collect();
+    (colors, alphas)
+}
+
+/// A string.
+fn text(name: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
+    value.extract().map_err(|_| PyTypeError::new_err(format!("{name} is {value:?}, expected a string")))
+}
+
+/// Name of the device, and why it is not a GPU where "auto" was asked for.
+fn describe(rasterizer: &Rasterizer) -> (String, Option<String>) {
+    #[cfg(feature = "gpu")]
+    let name = rasterizer.adapter().map(|adapter| adapter.name.clone());
+    #[cfg(not(feature = "gpu"))]
+    let name: Option<String> = None;
+    (name.unwrap_or_else(|| "cpu".to_owned()), rasterizer.fallback().map(ToString::to_string))
+}
