@@ -48,20 +48,6 @@ impl<'a> Objective<'a> {
         Ok(compared.map_or((Exposure::NONE, f64::NAN), |compared| (compared.fit, compared.psnr)))
     }
 
-    /// Loss of a view in an exposure; `None` if the picture is beyond comparison.
-    pub(crate) fn loss(
-        &mut self,
-        scene: &Gaussians,
-        view: usize,
-        exposure: Exposure,
-        rasterizer: &mut Rasterizer,
-    ) -> Result<Option<f64>> {
-        let rendering = rasterizer.render(scene, self.views[view].camera(), &self.settings)?;
-        let (image, target) = (rendering.image.data(), &self.targets[view]);
-        let compared = target.compare(image, exposure, self.loss, 1.0, &mut self.scratch);
-        Ok(compared.map(|compared| compared.loss))
-    }
-
     /// Renders a view, compares and differentiates; `None` if the picture is beyond comparison. Derivatives,
     /// not the value, are multiplied by `weight`.
     pub(crate) fn differentiate(

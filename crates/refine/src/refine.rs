@@ -57,8 +57,6 @@ pub fn refine(
     let half = if config.coarse > 0.0 { half_size(views) } else { None };
     let mut work = Work::new(gaussians, views, half.as_deref(), config, rasterizer)?;
     work.spent = begin.elapsed();
-    let start = (work.gaussians.clone(), work.loss(rasterizer)?);
-    work.spent = begin.elapsed();
     let mut turns = Turns::new(views.len(), config.seed);
     let mut report = Report { psnr_start: work.context_psnr(), ..Report::default() };
     let mut rounds = Rounds::default();
@@ -74,7 +72,7 @@ pub fn refine(
         }
         let at_once = config.views_per_step.min(views.len());
         let chosen: Vec<usize> = (0..at_once).map(|_| turns.next()).collect();
-        let loss = work.step(&chosen, config.stop.reach() * decay(progress), rasterizer)?;
+        let loss = work.step(&chosen, decay(progress), rasterizer)?;
         report.undone += usize::from(loss.is_none());
         work.spent += begin.elapsed();
         let over = rounds.are_over(chosen.len(), views.len(), work.context_psnr(), config.smallest_gain);
@@ -92,14 +90,6 @@ pub fn refine(
         on_step(Step { record: &record, progress, gaussians: &work.gaussians, rasterizer });
     }
     let begin = Instant::now();
-    if !report.steps.is_empty() {
-        // A step is as long as it is, however small the derivative: too few of them may leave a scene worse than it was.
-        let (scene, loss) = start;
-        let found = work.loss(rasterizer)?;
-        if found > loss {
-            (work.gaussians, report.taken_back) = (scene, true);
-        }
-    }
     let gaussians = if config.prune { prune(work.gaussians, &mut report.pruned) } else { work.gaussians };
     report.seconds = (work.spent + begin.elapsed()).as_secs_f64();
     if work.exposures.fitted {
@@ -208,18 +198,6 @@ impl<'a> Work<'a> {
         let known = self.psnr.iter().flatten().filter(|psnr| !psnr.is_nan());
         let (sum, n) = known.fold((0.0, 0.0), |(sum, n), psnr| (sum + psnr.min(BEST_PSNR), n + 1.0));
         sum / n
-    }
-
-    /// Mean loss of all views, at their full size, that can be compared.
-    fn loss(&mut self, rasterizer: &mut Rasterizer) -> Result<f64> {
-        let (mut sum, mut n) = (0.0, 0.0);
-        for view in 0..self.psnr.len() {
-            let exposure = self.exposures.of(view);
-            if let Some(loss) = self.objective.loss(&self.gaussians, view, exposure, rasterizer)? {
-                (sum, n) = (sum + loss, n + 1.0);
-            }
-        }
-        Ok(sum / n)
     }
 
     /// One step on some views: the mean of their losses, or `None` if a loss or a derivative was not finite;

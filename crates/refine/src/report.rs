@@ -12,8 +12,6 @@ pub struct Report {
     pub psnr_start: f64,
     /// Steps with a loss or a derivative that was not finite: they changed nothing.
     pub undone: usize,
-    /// Whether the scene was no closer to the photographs after the last step than before the first: it then is as it was.
-    pub taken_back: bool,
     /// Why it ended.
     pub stopped: Option<Stopped>,
     /// Gain and bias of each view; empty if they were not fitted.

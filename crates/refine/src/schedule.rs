@@ -7,10 +7,6 @@ use std::time::Duration;
 /// What is left of the step size at the end.
 const LAST: f64 = 0.05;
 
-/// Steps from which on rates are what they are said to be, and the least share of them.
-const FULL_REACH: f32 = 15.0;
-const LEAST_REACH: f32 = 0.2;
-
 /// The views in rounds, each in an order of its own.
 pub(crate) struct Turns {
     views: usize,
@@ -45,15 +41,6 @@ fn mix(z: u64) -> u64 {
 }
 
 impl Stop {
-    /// Factor of all step sizes. A step of Adam is as long as its rate however small the derivative, and a few of them do not cancel out:
-    /// those of a short way are shorter. Of a time nobody knows how many steps it has room for.
-    pub(crate) fn reach(self) -> f32 {
-        match self {
-            Self::Steps(all) => (all as f32 / FULL_REACH).clamp(LEAST_REACH, 1.0),
-            Self::Seconds(_) => 1.0,
-        }
-    }
-
     /// How much of the way is behind, 0 to 1, after `steps` steps and `spent` time.
     pub(crate) fn progress(self, steps: usize, spent: Duration) -> f64 {
         let share = match self {
@@ -88,13 +75,6 @@ mod tests {
         assert!(rounds(3).windows(2).any(|pair| pair[0] != pair[1]));
         assert!(rounds(3) == rounds(3) && rounds(3) != rounds(4));
         assert_eq!(Turns::new(1, 0).next(), 0);
-    }
-
-    #[test]
-    fn the_steps_of_a_short_way_are_shorter() {
-        let reach = [1, 3, 6, 15, 60].map(|steps| Stop::Steps(steps).reach());
-        assert_eq!(reach, [0.2, 0.2, 0.4, 1.0, 1.0]);
-        assert_eq!(Stop::Seconds(0.1).reach(), 1.0);
     }
 
     #[test]

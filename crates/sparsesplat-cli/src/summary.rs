@@ -123,9 +123,6 @@ pub(crate) fn refinement_line(figures: &WindowFigures) -> Option<String> {
     if report.stopped == Some(refine::Stopped::NothingGained) {
         line += "; stopped, nothing more was gained";
     }
-    if report.taken_back {
-        line += "; the photographs were no closer then, and the scene is as it was";
-    }
     if report.undone > 0 {
         line += &format!("; {} steps were not finite and undone", report.undone);
     }

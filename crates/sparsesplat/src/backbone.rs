@@ -32,6 +32,9 @@ pub fn geometry(views: &[View], config: &Config, wanted: Wanted) -> Result<(Vec<
 
 /// What the nearest content moves by between the cameras farthest apart, pixels, below which there is nothing to match.
 const LEAST_PARALLAX: f64 = 0.1;
+/// Cameras nearer to each other than this part of their distance from the origin stand in one place: poses that turn in one place differ by
+/// the rounding of rotation and translation.
+const SAME_PLACE: f64 = 1e-9;
 
 /// Refuses views that differ by rotation alone, of which a stated range would make a scene without meaning. One view is refused elsewhere.
 fn check_parallax(views: &[View], range: DepthRange) -> Result<()> {
@@ -44,7 +47,9 @@ fn check_parallax(views: &[View], range: DepthRange) -> Result<()> {
     };
     let is_one_place = match range {
         DepthRange::Known { near, .. } => parallax(near) < LEAST_PARALLAX,
-        DepthRange::Estimate => distance == 0.0,
+        DepthRange::Estimate => {
+            distance <= SAME_PLACE * views.iter().map(|view| position(view).length()).fold(0.0, f64::max)
+        }
     };
     if views.len() > 1 && is_one_place {
         return Err(Error::NoParallax { views: views.len(), distance });

@@ -166,8 +166,9 @@ fn what_cannot_be_done_is_said() {
     let said = |views: &[View], config: &Config| run(scene.clone(), views, config).unwrap_err().to_string();
     assert_eq!(said(&[], &Config::default()), "no context views: refinement needs at least one photograph");
     let structure = Config { loss: Loss { dssim: 0.1, ..Loss::default() }, ..Config::default() };
-    let small = said(&views, &structure);
-    assert!(small.starts_with("view view-0: ") && small.contains("11"), "{small}");
+    let error = run(scene.clone(), &views, &structure).unwrap_err();
+    let (small, cause) = (error.to_string(), std::error::Error::source(&error).expect("a cause").to_string());
+    assert!(small.starts_with("view view-0: ") && cause.contains("11"), "{small}: {cause}");
     let setting = said(&views, &Config { views_per_step: 0, ..Config::default() });
     assert_eq!(setting, "refinement setting views_per_step is 0, expected at least 1");
     assert!(matches!(run(scene.clone(), &[], &Config::default()), Err(Error::NoViews)));

@@ -73,5 +73,5 @@ fn a_number_of_views_counts_for_more_than_an_index_that_lies_there() {
     fs::write(tiny.path("evaluation_index.json"), r#"{"tiny/0": {"context": [0, 2], "target": [1]}}"#)
         .unwrap();
     assert_eq!(context(&[]), 2);
-    assert_eq!(context(&["--windows", "1"]), 6);
+    assert_eq!(context(&["--windows", "1", "--views", "3"]), 3);
 }
