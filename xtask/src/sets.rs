@@ -1,4 +1,4 @@
-//! Vector code under every instruction set of the machine: tests of the crates that have some, and how fast it is.
+//! Tests of the crates with vector code under every instruction set of the machine.
 
 use crate::run::cargo;
 use std::io;
@@ -21,11 +21,7 @@ const CRATES: [&str; 9] = [
 /// The environment variable that forces the set.
 const VARIABLE: &str = "SPARSESPLAT_ISA";
 
-/// The binary that has `bench isa`.
-const BINARY: &str = "sparsesplat";
-
-/// Runs the tests of [`CRATES`] under every set but the widest, under which all tests ran before. Then runs `bench isa`, which fails
-/// where vector code is slower than its rules demand. Returns one line for each failure.
+/// Runs the tests of [`CRATES`] under every set but the widest, under which all tests ran before. Returns one line for each failure.
 pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
     let sets =
         said(cargo(["run", "--quiet", "--package", "cpu-isa", "--example", "sets"]).current_dir(root))?;
@@ -45,14 +41,6 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
             }
         }
     }
-    let Some(binary) = built.iter().find(|built| built.executable.file_stem() == Some(BINARY.as_ref()))
-    else {
-        problems.push(format!("cargo did not say where it put the binary {BINARY}"));
-        return Ok(problems);
-    };
-    if !Command::new(&binary.executable).args(["bench", "isa"]).status()?.success() {
-        problems.push("`sparsesplat bench isa`: vector code is slower than it should be".to_owned());
-    }
     Ok(problems)
 }
 
@@ -63,7 +51,7 @@ struct Built {
     executable: PathBuf,
 }
 
-/// The test executable that a line of cargo's JSON names, or the binary. Examples are built as well, but are no tests.
+/// The test executable that a line of cargo's JSON names. Examples and binaries are built as well, but are no tests.
 fn built_by(line: &str) -> Option<Built> {
     let text = |key: &str| {
         let (_, rest) = line.split_once(&format!("\"{key}\":\""))?;
@@ -106,9 +94,7 @@ mod tests {
         };
         let found = built_by(&line(true, "it-5f")).unwrap();
         assert_eq!(found, Built { folder: "/w/crates/knn".into(), executable: "/t/it-5f".into() });
-        // An example is no test; the binary is wanted for its bench.
         assert_eq!(built_by(&line(false, "examples/check_case")), None);
-        assert!(built_by(&line(false, BINARY)).is_some());
         assert!(has_vectors(&found.folder) && !has_vectors(Path::new("/w/crates/train")));
         let none =
             r#"{"manifest_path":"/w/crates/knn/Cargo.toml","profile":{"test":true},"executable":null}"#;

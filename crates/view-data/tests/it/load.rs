@@ -319,7 +319,7 @@ fn different_sizes_ask_for_one() {
     let message = dataset.load_views(&[0, 1, 2], None).unwrap_err().to_string();
     assert_eq!(
         message,
-        "views have different sizes: 1 is 32x24, 2 is 64x48; pass --size WxH to bring all to one size"
+        "views have different sizes: 1 is 32x24, 2 is 64x48; ask for one size, to which all are scaled and cropped"
     );
     assert_eq!(dataset.load_views(&[0, 1, 2], Some((16, 16))).unwrap().len(), 3);
 }
