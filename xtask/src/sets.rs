@@ -62,10 +62,8 @@ fn built_by(line: &str) -> Option<Built> {
     // The profile says whether it is a test; a target has a key of that name, too, which says whether it may be one.
     let (_, profile) = line.split_once("\"profile\":")?;
     let is_test = profile.split_once('}')?.0.contains("\"test\":true");
-    let executable = path("executable")?;
-    let is_binary = executable.file_stem() == Some(BINARY.as_ref());
-    (is_test || is_binary)
-        .then_some(Built { folder: path("manifest_path")?.parent()?.to_owned(), executable })
+    let folder = path("manifest_path")?.parent()?.to_owned();
+    Some(Built { folder, executable: path("executable")? }).filter(|_| is_test)
 }
 
 fn has_vectors(folder: &Path) -> bool {
