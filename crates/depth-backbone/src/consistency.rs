@@ -58,13 +58,13 @@ impl<'a> Witness<'a> {
         inside.then(|| (x as usize, y as usize, w / h.z))
     }
 
-    /// What the other view says of the point at (u, v) with inverse depth `w`. `slack` widens the tolerance.
-    pub(crate) fn opinion(&self, u: f32, v: f32, w: f32, planes: &Planes, slack: f32) -> Opinion {
+    /// What the other view says of the point at (u, v) with inverse depth `w`.
+    pub(crate) fn opinion(&self, u: f32, v: f32, w: f32, planes: &Planes) -> Opinion {
         let Some((x, y, seen)) = self.pixel(u, v, w) else {
             return Opinion::Unseen;
         };
         let own = self.inverse_depth[y * self.width + x];
-        let tolerance = slack * (RELATIVE_TOLERANCE * seen).max(STEP_TOLERANCE * planes.step());
+        let tolerance = (RELATIVE_TOLERANCE * seen).max(STEP_TOLERANCE * planes.step());
         if seen > own + tolerance {
             Opinion::Floats
         } else if seen < own - tolerance {
@@ -97,7 +97,7 @@ pub(crate) fn agree(
         let (u, v) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
         let (mut count, mut sum) = (0_u8, w);
         for witness in witnesses {
-            if let Opinion::Agrees(theirs) = witness.opinion(u, v, w, planes, 1.0) {
+            if let Opinion::Agrees(theirs) = witness.opinion(u, v, w, planes) {
                 count = count.saturating_add(1);
                 sum += theirs;
             }
@@ -123,7 +123,7 @@ pub(crate) fn contradicted(
         let mut floats = false;
         let mut differences = Vec::with_capacity(witnesses.len());
         for witness in witnesses {
-            let opinion = witness.opinion(u, v, w, planes, 1.0);
+            let opinion = witness.opinion(u, v, w, planes);
             floats |= opinion == Opinion::Floats;
             if matches!(opinion, Opinion::Agrees(_) | Opinion::Floats) {
                 differences.extend(witness.colour_difference(u, v, w, colour));
