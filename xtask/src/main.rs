@@ -138,7 +138,7 @@ const SAME_CASES: [(&str, &str); 1] = [("PROPTEST_RNG_SEED", "20251")];
 const EXTRAS: &str = "sparsesplat-cli/peers,sparsesplat-cli/hf-hub";
 
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 13] = [
+const CI: [Step; 14] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo("clippy", &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"], &[]),
@@ -163,6 +163,7 @@ const CI: [Step; 13] = [
     ),
     Step::Cargo("test", &["xtask", "test", "--gpu", "--features", EXTRAS], &SAME_CASES),
     Step::Check("instruction sets", sets::check),
+    Step::Check("speed under every set", sets::guard),
     Step::Cargo(
         "test without rayon and serde",
         &["test", "--package", "knn", "--package", "entropy-sampler", "--no-default-features"],

@@ -1,4 +1,4 @@
-//! Tests of the crates with vector code under every instruction set of the machine.
+//! Vector code under every instruction set of the machine: its tests, and whether a set is slower than it should be.
 
 use crate::run::cargo;
 use std::io;
@@ -21,18 +21,20 @@ const CRATES: [&str; 9] = [
 /// The environment variable that forces the set.
 const VARIABLE: &str = "SPARSESPLAT_ISA";
 
+/// The folder of the binary's crate, which is that of `bench isa`.
+const BINARY: &str = "sparsesplat-cli";
+
 /// Runs the tests of [`CRATES`] under every set but the widest, under which all tests ran before. Returns one line for each failure.
 pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
     let sets =
         said(cargo(["run", "--quiet", "--package", "cpu-isa", "--example", "sets"]).current_dir(root))?;
     let sets: Vec<&str> = sets.lines().collect();
-    // Selected as all tests are: nothing is compiled anew.
-    let build = ["test", "--workspace", "--features", crate::EXTRAS, "--no-run", "--message-format", "json"];
-    let built = said(cargo(build).current_dir(root))?;
-    let built: Vec<Built> = built.lines().filter_map(built_by).collect();
+    let built = all_built(root)?;
     let mut problems = Vec::new();
     for set in sets.iter().rev().skip(1) {
-        for Built { folder, executable } in built.iter().filter(|built| has_vectors(&built.folder)) {
+        for Built { folder, executable, .. } in
+            built.iter().filter(|built| built.is_test && has_vectors(&built.folder))
+        {
             println!("     Running {} under {set}", executable.display());
             let mut tests = Command::new(executable);
             tests.current_dir(folder).env(VARIABLE, set).envs(crate::SAME_CASES).arg("--quiet");
@@ -44,14 +46,30 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
     Ok(problems)
 }
 
+/// Times every vector path under every set by `bench isa`, whose rules are ratios within one run: no other machine matters.
+pub(crate) fn guard(root: &Path) -> io::Result<Vec<String>> {
+    let built = all_built(root)?;
+    let binary = built.iter().find(|built| !built.is_test && built.folder.ends_with(BINARY));
+    let binary = binary.ok_or_else(|| io::Error::other(format!("cargo builds no binary of {BINARY}")))?;
+    let status = Command::new(&binary.executable).args(["bench", "isa", "--rounds", "1"]).status()?;
+    Ok(if status.success() { Vec::new() } else { vec!["an instruction set is too slow, see above".into()] })
+}
+
+/// What the step before built, selected in the same words: nothing is compiled anew.
+fn all_built(root: &Path) -> io::Result<Vec<Built>> {
+    let build = ["test", "--workspace", "--features", crate::EXTRAS, "--no-run", "--message-format", "json"];
+    Ok(said(cargo(build).current_dir(root))?.lines().filter_map(built_by).collect())
+}
+
 /// An executable, and the folder of its crate.
 #[derive(Debug, PartialEq)]
 struct Built {
     folder: PathBuf,
     executable: PathBuf,
+    is_test: bool,
 }
 
-/// The test executable that a line of cargo's JSON names. Examples and binaries are built as well, but are no tests.
+/// The test or the binary that a line of cargo's JSON names. Examples are built as well, but are neither.
 fn built_by(line: &str) -> Option<Built> {
     let text = |key: &str| {
         let (_, rest) = line.split_once(&format!("\"{key}\":\""))?;
@@ -63,7 +81,8 @@ fn built_by(line: &str) -> Option<Built> {
     let (_, profile) = line.split_once("\"profile\":")?;
     let is_test = profile.split_once('}')?.0.contains("\"test\":true");
     let folder = path("manifest_path")?.parent()?.to_owned();
-    Some(Built { folder, executable: path("executable")? }).filter(|_| is_test)
+    let is_binary = line.contains(r#""kind":["bin"]"#);
+    Some(Built { folder, executable: path("executable")?, is_test }).filter(|_| is_test || is_binary)
 }
 
 fn has_vectors(folder: &Path) -> bool {
@@ -85,14 +104,16 @@ mod tests {
 
     #[test]
     fn executables_are_found_in_what_cargo_says() {
-        let line = |test: bool, name: &str| {
+        let line = |kind: &str, test: bool, name: &str| {
             format!(
-                r#"{{"reason":"compiler-artifact","manifest_path":"/w/crates/knn/Cargo.toml","target":{{"test":true}},"profile":{{"opt_level":"2","test":{test}}},"executable":"/t/{name}"}}"#
+                r#"{{"reason":"compiler-artifact","manifest_path":"/w/crates/knn/Cargo.toml","target":{{"kind":["{kind}"],"test":true}},"profile":{{"opt_level":"2","test":{test}}},"executable":"/t/{name}"}}"#
             )
         };
-        let found = built_by(&line(true, "it-5f")).unwrap();
-        assert_eq!(found, Built { folder: "/w/crates/knn".into(), executable: "/t/it-5f".into() });
-        assert_eq!(built_by(&line(false, "examples/check_case")), None);
+        let found = built_by(&line("test", true, "it-5f")).unwrap();
+        let executable = "/t/it-5f".into();
+        assert_eq!(found, Built { folder: "/w/crates/knn".into(), executable, is_test: true });
+        assert!(!built_by(&line("bin", false, "program")).unwrap().is_test);
+        assert_eq!(built_by(&line("example", false, "examples/check_case")), None);
         assert!(has_vectors(&found.folder) && !has_vectors(Path::new("/w/crates/train")));
         let none =
             r#"{"manifest_path":"/w/crates/knn/Cargo.toml","profile":{"test":true},"executable":null}"#;

@@ -38,12 +38,13 @@ impl Activation {
         match self {
             Self::Identity => (x, one),
             Self::Relu => {
-                let slope = simd.select_f32s(simd.greater_than_f32s(x, zero), one, zero);
+                let slope = vector::select(simd, simd.greater_than_f32s(x, zero), one, zero);
                 (vector::relu(simd, x), slope)
             }
             Self::Gelu => vector::gelu(simd, x),
             Self::Silu => {
-                let logistic = simd.div_f32s(one, simd.add_f32s(one, vector::exp(simd, simd.neg_f32s(x))));
+                let logistic =
+                    simd.div_f32s(one, simd.add_f32s(one, vector::exp(simd, vector::neg(simd, x))));
                 let rest = simd.sub_f32s(one, logistic);
                 let slope = simd.mul_f32s(logistic, simd.mul_add_e_f32s(x, rest, one));
                 (simd.mul_f32s(x, logistic), slope)

@@ -277,7 +277,7 @@ impl WithSimd for Exponentials<'_> {
                     keys,
                     #[inline(always)]
                     |v, key| {
-                        let mask = simd.select_f32s(simd.equal_f32s(key, label), zero, apart);
+                        let mask = vector::select(simd, simd.equal_f32s(key, label), zero, apart);
                         simd.mul_add_e_f32s(v, scale, mask)
                     },
                 );

@@ -3,7 +3,28 @@
 //! Vector instructions are only used where all is inlined into the function that is compiled for them. Closures that are
 //! given to these loops therefore have `#[inline(always)]`: one that is left outside calls a function for each instruction.
 
-use pulp::Simd;
+use pulp::{Simd, cast};
+
+/// `yes` where the mask is set, `no` elsewhere.
+///
+/// As [`neg`] and [`abs`] it stands in for pulp's default method, which is merely `#[inline]`: whether that is inlined, the compiler
+/// decides, and where it is not, each vector makes two calls.
+#[inline(always)]
+pub fn select<S: Simd>(simd: S, mask: S::m32s, yes: S::f32s, no: S::f32s) -> S::f32s {
+    cast(simd.select_u32s(mask, cast(yes), cast(no)))
+}
+
+/// -x.
+#[inline(always)]
+pub fn neg<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    simd.xor_f32s(x, simd.splat_f32s(-0.0))
+}
+
+/// |x|.
+#[inline(always)]
+pub fn abs<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    simd.and_f32s(x, simd.splat_f32s(f32::from_bits(!(1 << 31))))
+}
 
 /// Replaces every value by f(value). The last values, fewer than a vector, are seen by `f` with others beside them that
 /// are thrown away.
@@ -88,7 +109,7 @@ pub fn sum<S: Simd>(simd: S, values: &[f32], term: impl Fn(S::f32s) -> S::f32s) 
 #[inline(always)]
 fn masked<S: Simd>(simd: S, rest: &[f32], term: impl Fn(S::f32s) -> S::f32s) -> S::f32s {
     let live = simd.mask_between_m32s(0, rest.len() as u32).mask();
-    simd.select_f32s(live, term(simd.partial_load_f32s(rest)), simd.splat_f32s(0.0))
+    select(simd, live, term(simd.partial_load_f32s(rest)), simd.splat_f32s(0.0))
 }
 
 /// The product of two rows.
@@ -140,7 +161,7 @@ pub fn largest<S: Simd>(simd: S, values: &[f32]) -> f32 {
 #[inline(always)]
 pub fn relu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     let zero = simd.splat_f32s(0.0);
-    simd.select_f32s(simd.less_than_f32s(x, zero), zero, x)
+    select(simd, simd.less_than_f32s(x, zero), zero, x)
 }
 
 /// a + b x + c x² ..., the last coefficient first.
@@ -167,7 +188,7 @@ pub fn exp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     const SERIES: [f32; 8] = [1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
     // Not a number stays so through every step.
     let highest = simd.splat_f32s(HIGHEST);
-    let clamped = simd.select_f32s(simd.greater_than_f32s(x, highest), highest, x);
+    let clamped = select(simd, simd.greater_than_f32s(x, highest), highest, x);
     let rounded =
         simd.mul_add_e_f32s(clamped, simd.splat_f32s(std::f32::consts::LOG2_E), simd.splat_f32s(ROUND));
     let n = simd.sub_f32s(rounded, simd.splat_f32s(ROUND));
@@ -177,10 +198,11 @@ pub fn exp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
         simd.mul_add_e_f32s(n, simd.splat_f32s(-HIGH), clamped),
     );
     let p = polynomial(simd, SERIES, f);
-    let bits = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(rounded), simd.splat_u32s(23));
-    let scale = simd.transmute_f32s_u32s(simd.add_u32s(bits, simd.splat_u32s(1.0_f32.to_bits())));
+    let bits = simd.wrapping_dyn_shl_u32s(cast(rounded), simd.splat_u32s(23));
+    let scale: S::f32s = cast(simd.add_u32s(bits, simd.splat_u32s(1.0_f32.to_bits())));
     // Below the lowest the scale is of no meaning.
-    simd.select_f32s(
+    select(
+        simd,
         simd.less_than_f32s(x, simd.splat_f32s(LOWEST)),
         simd.splat_f32s(0.0),
         simd.mul_f32s(p, scale),
@@ -204,18 +226,18 @@ pub fn gelu<S: Simd>(simd: S, x: S::f32s) -> (S::f32s, S::f32s) {
         0.139_621_66,
     ];
     const PEAK: f32 = 0.398_942_3; // φ(0) = 1 / sqrt(2 π)
-    let t = simd.abs_f32s(x);
+    let t = abs(simd, x);
     let bell = exp(simd, simd.mul_f32s(simd.mul_f32s(simd.splat_f32s(-0.5), t), t));
     let s = simd
         .div_f32s(simd.splat_f32s(1.0), simd.mul_add_e_f32s(simd.splat_f32s(0.35), t, simd.splat_f32s(1.0)));
     let tail = simd.mul_f32s(simd.mul_f32s(bell, s), polynomial(simd, P, s));
     let negative = simd.less_than_f32s(x, simd.splat_f32s(0.0));
-    let normal = simd.select_f32s(negative, tail, simd.sub_f32s(simd.splat_f32s(1.0), tail));
+    let normal = select(simd, negative, tail, simd.sub_f32s(simd.splat_f32s(1.0), tail));
     (simd.mul_f32s(x, normal), simd.mul_add_e_f32s(simd.mul_f32s(x, simd.splat_f32s(PEAK)), bell, normal))
 }
 
 /// x / (1 + e^-x).
 #[inline(always)]
 pub fn silu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
-    simd.div_f32s(x, simd.add_f32s(simd.splat_f32s(1.0), exp(simd, simd.neg_f32s(x))))
+    simd.div_f32s(x, simd.add_f32s(simd.splat_f32s(1.0), exp(simd, neg(simd, x))))
 }

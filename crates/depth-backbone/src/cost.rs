@@ -7,6 +7,7 @@ use crate::pair::Pair;
 use crate::sgm;
 use crate::texture::{Sampler, Texture, splat};
 use cpu_kernels::pulp::{Simd, WithSimd};
+use cpu_kernels::vector::select;
 use cpu_kernels::{Isa, dispatch};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -328,7 +329,7 @@ fn keep_two_smallest<S: Simd>(
         let deviation = simd.sqrt_f32s(simd.add_f32s(simd.max_f32s(variance, zero), noise));
         let correlation = simd.div_f32s(simd.mul_f32s(covariance, inverse_deviation[i]), deviation);
         let cost = simd.min_f32s(simd.max_f32s(simd.sub_f32s(one, correlation), zero), one);
-        let cost = simd.select_f32s(simd.greater_than_f32s(inside[i], zero), cost, outside);
+        let cost = select(simd, simd.greater_than_f32s(inside[i], zero), cost, outside);
         second[i] = simd.min_f32s(second[i], simd.max_f32s(smallest[i], cost));
         smallest[i] = simd.min_f32s(smallest[i], cost);
     }

@@ -1,7 +1,8 @@
 //! The luma of a view, made for bilinear look-ups: one 32-bit load brings the four pixels.
 
 use crate::pair::Pair;
-use cpu_kernels::pulp::Simd;
+use cpu_kernels::pulp::{Simd, cast};
+use cpu_kernels::vector::{abs, select};
 use gs_scene::Image;
 
 /// 8-bit luma whose every entry packs the 2×2 block (x, y), (x+1, y), (x, y+1), (x+1, y+1), clamped at the border.
@@ -102,9 +103,9 @@ impl Sampler {
             let [u, v, z] = h;
             let inverse = simd.div_f32s(one, z);
             let (u, v) = (simd.mul_f32s(u, inverse), simd.mul_f32s(v, inverse));
-            let before = simd.select_f32s(simd.greater_than_f32s(z, zero), one, zero);
-            let before = simd.select_f32s(within(simd, u, half_size[0]), before, zero);
-            inside[i] = simd.select_f32s(within(simd, v, half_size[1]), before, zero);
+            let before = select(simd, simd.greater_than_f32s(z, zero), one, zero);
+            let before = select(simd, within(simd, u, half_size[0]), before, zero);
+            inside[i] = select(simd, within(simd, v, half_size[1]), before, zero);
             let (column, right) = place(simd, u, half, last[0]);
             let (row, down) = place(simd, v, half, last[1]);
             fraction_x[i] = right;
@@ -139,8 +140,8 @@ impl Sampler {
                 *bits = simd.or_u32s(simd.and_u32s(*bits, byte), carrier);
             }
             let [a, b, c, d] = block;
-            let (a, b) = (simd.transmute_f32s_u32s(a), simd.transmute_f32s_u32s(b));
-            let (c, d) = (simd.transmute_f32s_u32s(c), simd.transmute_f32s_u32s(d));
+            let (a, b) = (cast(a), cast(b));
+            let (c, d) = (cast(c), cast(d));
             let upper = simd.mul_add_e_f32s(simd.sub_f32s(b, a), fraction_x[i], simd.sub_f32s(a, grey));
             let lower = simd.mul_add_e_f32s(simd.sub_f32s(d, c), fraction_x[i], simd.sub_f32s(c, grey));
             out[i] = simd.mul_add_e_f32s(simd.sub_f32s(lower, upper), fraction_y[i], upper);
@@ -160,7 +161,7 @@ pub(crate) fn splat<S: Simd, const N: usize>(simd: S, values: [f32; N]) -> [S::f
 /// Whether a place is in 0..=2 half. What is not a number is not.
 #[inline(always)]
 fn within<S: Simd>(simd: S, u: S::f32s, half: S::f32s) -> S::m32s {
-    simd.less_than_or_equal_f32s(simd.abs_f32s(simd.sub_f32s(u, half)), half)
+    simd.less_than_or_equal_f32s(abs(simd, simd.sub_f32s(u, half)), half)
 }
 
 /// The pixel to the left of (above) a place, or one more where that makes no difference, with the bits of 2²³ around it; and
@@ -169,9 +170,9 @@ fn within<S: Simd>(simd: S, u: S::f32s, half: S::f32s) -> S::m32s {
 fn place<S: Simd>(simd: S, u: S::f32s, half: S::f32s, last: S::f32s) -> (S::u32s, S::f32s) {
     let [zero, to_integer] = splat(simd, [0.0, TO_INTEGER]);
     let at = simd.sub_f32s(u, half);
-    let at = simd.select_f32s(simd.greater_than_f32s(at, zero), simd.min_f32s(at, last), zero);
+    let at = select(simd, simd.greater_than_f32s(at, zero), simd.min_f32s(at, last), zero);
     let rounded = simd.add_f32s(simd.max_f32s(simd.sub_f32s(at, half), zero), to_integer);
-    (simd.transmute_u32s_f32s(rounded), simd.sub_f32s(at, simd.sub_f32s(rounded, to_integer)))
+    (cast(rounded), simd.sub_f32s(at, simd.sub_f32s(rounded, to_integer)))
 }
 
 #[cfg(test)]

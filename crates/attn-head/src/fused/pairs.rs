@@ -3,7 +3,7 @@
 
 use crate::{HEAD_WIDTH, HEADS, Inputs, WIDTH};
 use cpu_kernels::pulp::{Simd, WithSimd};
-use cpu_kernels::vector::{exp, map, relu};
+use cpu_kernels::vector::{exp, map, relu, select};
 use cpu_kernels::{Isa, dispatch};
 
 /// A row of features.
@@ -168,7 +168,7 @@ impl Scratch {
                     grad = simd.mul_add_e_f32s(simd.splat_f32s(alpha[c]), grad_hidden[c], grad);
                 }
                 let live = simd.greater_than_f32s(vectors::<S>(hidden)[at], zero);
-                let grad = simd.select_f32s(live, grad, zero);
+                let grad = select(simd, live, grad, zero);
                 for i in 0..3 {
                     sums[i] = simd.mul_add_e_f32s(simd.splat_f32s(relative[i]), grad, sums[i]);
                 }

@@ -10,6 +10,7 @@ use super::project::{BATCH, Splat, Splats};
 use super::{Grid, TILE};
 use crate::RenderSettings;
 use cpu_kernels::pulp::{Simd, WithSimd};
+use cpu_kernels::vector::{neg, select};
 use cpu_kernels::{Isa, dispatch};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -396,10 +397,10 @@ fn blend_vector<S: Simd, const DEPTH: bool, const RECORD: bool>(
     let after = simd.mul_f32s(before, simd.sub_f32s(simd.splat_f32s(1.0), alpha));
     let lasts = simd.greater_than_or_equal_f32s(after, simd.splat_f32s(limits.transmittance_min));
     let drawn = simd.and_m32s(seen, lasts);
-    let weight = simd.select_f32s(drawn, simd.mul_f32s(before, alpha), simd.splat_f32s(0.0));
+    let weight = select(simd, drawn, simd.mul_f32s(before, alpha), simd.splat_f32s(0.0));
     // Where the splat would leave too little light it is not drawn, and the pixel is done.
-    let undrawn = simd.select_f32s(seen, simd.neg_f32s(before), before);
-    *transmittance = simd.select_f32s(drawn, after, undrawn);
+    let undrawn = select(simd, seen, neg(simd, before), before);
+    *transmittance = select(simd, drawn, after, undrawn);
     if RECORD {
         let last = &mut S::as_mut_simd_u32s(&mut trace.last[patch]).0[v];
         *last = simd.select_u32s(drawn, simd.splat_u32s(place), *last);

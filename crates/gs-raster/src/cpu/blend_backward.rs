@@ -14,6 +14,7 @@ use super::{Grid, TILE};
 use crate::{PixelGradients, RenderSettings};
 use cpu_kernels::dispatch;
 use cpu_kernels::pulp::{Simd, WithSimd};
+use cpu_kernels::vector::select;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
@@ -314,10 +315,10 @@ fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
     let follows = simd.and_m32s(drawn, simd.not_m32s(clamped));
     let transmittance = &mut vectors_mut::<S>(&mut tile.transmittance[patch])[v];
     let before = simd.div_f32s(*transmittance, simd.sub_f32s(number(1.0), alpha));
-    *transmittance = simd.select_f32s(drawn, before, *transmittance);
+    *transmittance = select(simd, drawn, before, *transmittance);
     let slope = simd.mul_f32s(simd.mul_f32s(number(LN_2), alpha), before);
-    let weight = simd.select_f32s(drawn, simd.mul_f32s(before, alpha), number(0.0));
-    let share = simd.select_f32s(drawn, alpha, number(0.0));
+    let weight = select(simd, drawn, simd.mul_f32s(before, alpha), number(0.0));
+    let share = select(simd, drawn, alpha, number(0.0));
 
     if SHARED {
         let value = vectors::<S>(&tile.values[patch])[v];
@@ -342,7 +343,7 @@ fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
     let nearer = simd.sub_f32s(q, *behind);
     *behind = simd.mul_add_e_f32s(share, nearer, *behind);
 
-    let s = simd.select_f32s(follows, simd.mul_f32s(slope, nearer), number(0.0));
+    let s = select(simd, follows, simd.mul_f32s(slope, nearer), number(0.0));
     let s_dx = simd.mul_f32s(s, touch.dx);
     sums.s[0] = simd.add_f32s(sums.s[0], s);
     sums.s[1] = simd.add_f32s(sums.s[1], s_dx);

@@ -1,6 +1,6 @@
 //! Elementary functions without branches or calls, so that loops over them become vector instructions.
 
-use cpu_kernels::pulp::Simd;
+use cpu_kernels::pulp::{Simd, cast};
 
 /// a b + c, fused where the instruction set can (elsewhere a fused one would be a library call).
 #[inline(always)]
@@ -22,8 +22,8 @@ pub(super) fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     for &coefficient in &P[1..] {
         p = simd.mul_add_e_f32s(p, f, simd.splat_f32s(coefficient));
     }
-    let power = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(rounded), simd.splat_u32s(23));
-    simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(p), power))
+    let power = simd.wrapping_dyn_shl_u32s(cast(rounded), simd.splat_u32s(23));
+    cast(simd.add_u32s(cast(p), power))
 }
 
 /// e^x, relative error below 1e-11 where the result is a normal number; 0 or a huge number beyond |x| = 690.

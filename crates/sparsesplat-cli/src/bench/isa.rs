@@ -28,7 +28,7 @@ use std::time::{Duration, Instant};
 ///
 /// Each set runs in processes of its own, in turns, and of each row the fastest run counts. Three rules are checked: a vector path is at
 /// least 1.5 times as fast as its scalar twin; the matrix product runs at half the rate of the crate gemm or more; AVX-512 takes
-/// no longer than AVX2 (10 % are allowed for noise). Where a rule is broken, rounds are added before it counts.
+/// no longer than AVX2 (half as long again is allowed, for noise). Where a rule is broken, rounds are added before it counts.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sparsesplat bench isa\n  sparsesplat bench isa --rounds 5 --json isa.json"
@@ -46,8 +46,9 @@ pub(crate) struct Arguments {
 const LEAST_SPEEDUP: f64 = 1.5;
 /// Our product is to have so much of the rate of the crate gemm.
 const LEAST_OF_GEMM: f64 = 0.5;
-/// AVX-512 may take so many times as long as AVX2: noise.
-const SLACK: f64 = 1.1;
+/// AVX-512 may take so many times as long as AVX2: paths that are the same code under both differ by up to 1.3 on a busy machine, a cliff
+/// is more than 2.
+const SLACK: f64 = 1.5;
 /// Rounds that are added at most where a rule is broken.
 const MORE_ROUNDS: usize = 6;
 /// Timed runs of each path and round; fewer of calls that take long.
