@@ -7,7 +7,8 @@ use crate::output::{Outputs, named};
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
 use clap::Args;
-use evaluate::{Dropped, Recipe, peak_rss_bytes};
+use evaluate::{Recipe, peak_rss_bytes};
+use scene_windows::Dropped;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use view_data::{

@@ -3,8 +3,8 @@
 
 use crate::adam::Adam;
 use crate::{Config, Error, Result};
-use evaluate::{Kept, KeptFault, singles, write_kept};
 use safetensors::tensor::Dtype;
+use scene_windows::{Kept, KeptFault, singles, write_kept};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
