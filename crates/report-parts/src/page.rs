@@ -25,17 +25,31 @@ pub fn escape(text: &str) -> String {
     escaped
 }
 
-/// A whole page; `body` is HTML, `recipe` is JSON.
-pub fn document(title: &str, body: &str, recipe: &str) -> String {
+/// A page with a title and a style sheet; `body` is HTML.
+#[must_use]
+pub fn shell(title: &str, style: &str, body: &str) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>{title}</title>\n<style>\n{style}</style>\n</head>\n<body>\n<h1>{title}</h1>\n{body}\
-         <details><summary>How this was made</summary><pre>{recipe}</pre></details>\n</body>\n</html>\n",
-        title = escape(title),
-        style = include_str!("report.css"),
-        recipe = escape(recipe),
+         <title>{}</title>\n<style>\n{style}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
+        escape(title)
     )
+}
+
+/// What the `src` of an `img` is for a JPEG within the page.
+#[must_use]
+pub fn jpeg_source(jpeg: &[u8]) -> String {
+    format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg))
+}
+
+/// A whole page of a report, with the recipe at its end; `body` is HTML, `recipe` is JSON.
+pub fn document(title: &str, body: &str, recipe: &str) -> String {
+    let body = format!(
+        "<h1>{}</h1>\n{body}<details><summary>How this was made</summary><pre>{}</pre></details>\n",
+        escape(title),
+        escape(recipe)
+    );
+    shell(title, include_str!("report.css"), &body)
 }
 
 /// A picture with its caption; a click shows it as large as the window. `description` is for those who cannot see it.
@@ -43,11 +57,11 @@ pub fn document(title: &str, body: &str, recipe: &str) -> String {
 /// # Errors
 /// If the picture is too large for JPEG.
 pub fn figure(picture: &Picture, description: &str, caption: &str) -> Result<String> {
-    let data = STANDARD.encode(picture.to_jpeg(QUALITY)?);
+    let source = jpeg_source(&picture.to_jpeg(QUALITY)?);
     let (width, height) = picture.size();
     Ok(format!(
         "<figure><label><input type=\"checkbox\" aria-label=\"enlarge\"><img width=\"{width}\" height=\"{height}\" \
-         alt=\"{}\" src=\"data:image/jpeg;base64,{data}\"></label><figcaption>{}</figcaption></figure>\n",
+         alt=\"{}\" src=\"{source}\"></label><figcaption>{}</figcaption></figure>\n",
         escape(description),
         escape(caption)
     ))

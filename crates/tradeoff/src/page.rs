@@ -5,9 +5,7 @@ use super::document::{SHARES, points_table, share_table, statements, windows_in_
 use super::pictures::Pictures;
 use super::plot::tradeoff_plots;
 use super::summary::{Row, Summary};
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use report_parts::page::{document, escape, table, tile};
+use report_parts::page::{document, escape, jpeg_source, table, tile};
 use report_parts::{count, decibel, number};
 use std::fmt::Write;
 
@@ -153,7 +151,7 @@ fn slides(
 
 fn image(jpeg: &[u8], caption: &str) -> String {
     format!(
-        "<figure><img alt=\"{caption}\" src=\"data:image/jpeg;base64,{}\"><figcaption>{caption}</figcaption></figure>",
-        STANDARD.encode(jpeg)
+        "<figure><img alt=\"{caption}\" src=\"{}\"><figcaption>{caption}</figcaption></figure>",
+        jpeg_source(jpeg)
     )
 }

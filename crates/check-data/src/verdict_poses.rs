@@ -5,7 +5,7 @@ use super::finding;
 use super::readings::{PairMatches, best_focal_factor, score};
 use super::report::{Finding, PoseSummary, Reading, ReadingScore, Severity};
 use super::verdict_frames::{judge_frames, judge_unchecked, medians_of_frames};
-use crate::{Dataset, Format};
+use view_data::{Dataset, Format};
 
 /// Matches and pairs from which on something can be said.
 const MIN_MATCHES: usize = 120;

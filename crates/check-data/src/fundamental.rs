@@ -118,7 +118,7 @@ impl Random {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::check::epipolar::{Posed, fundamental};
+    use crate::epipolar::{Posed, fundamental};
     use glam::DVec3;
     use gs_scene::Intrinsics;
     use proptest::prelude::*;

@@ -1,10 +1,9 @@
 //! The places of the cameras, and which of them share content.
 
 use super::report::{LayoutSummary, OverlapSummary};
-use crate::SceneDepth;
-use crate::overlap::{HALF, Overlaps, POINTS};
 use glam::DVec3;
 use gs_scene::Camera;
+use view_data::{Overlaps, SceneDepth};
 
 /// Centres so many median distances away are outliers.
 const OUTLIER: f64 = 10.0;
@@ -85,8 +84,8 @@ pub(crate) fn find_overlap(cameras: &[Camera], depth: SceneDepth) -> Overlap {
     for i in 0..count {
         let seen = overlaps.seen_by(i);
         for j in (0..count).filter(|&j| j != i) {
-            shared[j] = shared[j].max(f64::from(seen[j]) / POINTS as f64);
-            if i < j && seen[j] >= HALF && overlaps.seen_by(j)[i] >= HALF {
+            shared[j] = shared[j].max(f64::from(seen[j]) / Overlaps::POINTS as f64);
+            if i < j && seen[j] >= Overlaps::HALF && overlaps.seen_by(j)[i] >= Overlaps::HALF {
                 edges.push([i, j]);
                 partners[i] += 1;
                 partners[j] += 1;

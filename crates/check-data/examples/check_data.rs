@@ -1,10 +1,11 @@
 //! Checks a data set, prints what was found, and writes the page and the report.
 //!
-//! `cargo run --release -p view-data --example check_data -- PATH [OUT_DIR]`
+//! `cargo run --release -p check-data --example check_data -- PATH [OUT_DIR]`
 
+use check_data::{CheckSettings, check_data, layout_html};
 use std::path::Path;
 use std::time::Instant;
-use view_data::{CheckSettings, check_data, layout_html, open};
+use view_data::open;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);

@@ -4,10 +4,10 @@ use super::readings::{median, quantile};
 use super::report::{DepthFileSummary, Finding, LensSummary, PictureSummary, Severity, SizeCount};
 use super::scan::Scan;
 use super::{finding, listed};
-use crate::{Dataset, Error, Frame, Result};
 use glam::DVec2;
 use gs_scene::Intrinsics;
 use std::collections::BTreeMap;
+use view_data::{Dataset, Error, Frame, JpegRule, Lens, Result};
 
 /// Sharpness under this share of the median is called blurred.
 const BLURRED: f64 = 0.15;
@@ -90,7 +90,7 @@ pub(crate) fn judge_pictures(
 
 fn broken_rule(error: &Error) -> &'static str {
     match error {
-        Error::DamagedJpeg { source: crate::JpegRule::NoEnd, .. } => "picture-truncated",
+        Error::DamagedJpeg { source: JpegRule::NoEnd, .. } => "picture-truncated",
         Error::DamagedJpeg { .. } => "picture-damaged",
         Error::Aspect { .. } => "picture-aspect",
         Error::TooLarge { .. } => "picture-too-large",
@@ -276,7 +276,7 @@ pub(crate) fn judge_lenses(dataset: &Dataset, findings: &mut Vec<Finding>) -> Le
         focal_ratio: 1.0,
         ..LensSummary::default()
     };
-    let mut different: Vec<crate::Lens> = Vec::new();
+    let mut different: Vec<Lens> = Vec::new();
     for frame in &dataset.frames {
         let Intrinsics { fx, fy, cx, cy, width, height } = frame.lens.intrinsics;
         let (width, height) = (width as f64, height as f64);
@@ -342,7 +342,7 @@ pub(crate) fn judge_lenses(dataset: &Dataset, findings: &mut Vec<Finding>) -> Le
 const MAX_LENSES: usize = 64;
 
 /// How far the distortion moves what the corners and the middles of the edges show, pixels.
-fn distortion(lens: &crate::Lens) -> f64 {
+fn distortion(lens: &Lens) -> f64 {
     let Intrinsics { fx, fy, cx, cy, width, height } = lens.intrinsics;
     let (width, height) = (width as f64, height as f64);
     let on_border =

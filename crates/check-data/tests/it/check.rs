@@ -1,6 +1,6 @@
 //! Checks of simulated photographs: what is right passes, and what was broken is named.
 
-use crate::folder::Folder;
+use check_data::{CheckReport, CheckSettings, CheckStage, RangeSource, Severity, check_data, layout_html};
 use glam::DVec3;
 use gs_scene::{Camera, Image, Lens, LensModel, View};
 use scene_sim::{Traced, demo_scene, lens, render_view};
@@ -8,10 +8,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use tempfile::TempDir;
-use view_data::{
-    CheckReport, CheckSettings, CheckStage, DatasetWriter, Layout, PictureFormat, RangeSource, Severity,
-    check_data, layout_html, open_nerfstudio,
-};
+use view_data::{DatasetWriter, Layout, PictureFormat, open_nerfstudio};
 
 const WIDTH: usize = 240;
 const HEIGHT: usize = 180;
@@ -261,19 +258,21 @@ fn wrong_depth_is_named() {
 }
 
 /// A set of the given pictures with the given poses.
-fn tiny(pictures: &[Image], poses: &[Value]) -> (Folder, CheckReport) {
-    let folder = Folder::new();
+fn tiny(pictures: &[Image], poses: &[Value]) -> (TempDir, CheckReport) {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("images")).unwrap();
     let path = |i: usize| format!("images/{i}.png");
     let frame = |(i, pose): (usize, &Value)| json!({"file_path": path(i), "transform_matrix": pose});
     let frames: Vec<Value> = poses.iter().enumerate().map(frame).collect();
     let (w, h) = (pictures[0].width(), pictures[0].height());
-    folder.json(&json!({"w": w, "h": h, "fl_x": 200.0, "frames": frames}));
+    let file = json!({"w": w, "h": h, "fl_x": 200.0, "frames": frames});
+    std::fs::write(folder.path().join("transforms.json"), file.to_string()).unwrap();
     for (i, picture) in pictures.iter().enumerate() {
         let bytes = picture.to_rgb8();
         let buffer = image::RgbImage::from_raw(w as u32, h as u32, bytes).unwrap();
-        buffer.save(folder.path(&path(i))).unwrap();
+        buffer.save(folder.path().join(path(i))).unwrap();
     }
-    let report = check_data(&folder.open().unwrap(), &SETTINGS, |_| {}).unwrap();
+    let report = check_data(&open_nerfstudio(folder.path()).unwrap(), &SETTINGS, |_| {}).unwrap();
     (folder, report)
 }
 
@@ -282,7 +281,10 @@ fn hostile_sets_give_findings_and_pages() {
     let photograph = views()[0].image().clone();
     let black = Image::filled(WIDTH, HEIGHT, [0.0; 3]).unwrap();
     let dot = Image::filled(1, 1, [0.5; 3]).unwrap();
-    let pose = crate::folder::pose;
+    // At (x, 0, 0), with OpenGL axes that look along the world's +z with y down.
+    let pose = |x: f64| {
+        json!([[1.0, 0.0, 0.0, x], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    };
     let cases: [(&str, Vec<Image>, Vec<Value>); 5] = [
         ("one-frame", vec![photograph.clone()], vec![pose(0.0)]),
         ("picture-duplicate", vec![photograph.clone(), photograph.clone()], vec![pose(0.0), pose(0.0)]),

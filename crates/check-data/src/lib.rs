@@ -1,4 +1,4 @@
-//! Checks of a data set before any work is done.
+#![doc = include_str!("../README.md")]
 
 mod depth;
 mod epipolar;
@@ -19,7 +19,6 @@ mod verdict_frames;
 mod verdict_poses;
 mod verdict_space;
 
-use crate::{Dataset, Result, ScenePoint, estimate_scene_depth};
 use epipolar::Posed;
 use glam::DVec2;
 use gs_scene::{Camera, Intrinsics};
@@ -29,6 +28,7 @@ use rayon::prelude::*;
 use readings::PairMatches;
 use scan::{Counter, Scan, Wanted, read_sizes, scan_frames};
 use std::fmt::Display;
+use view_data::{Dataset, Result, ScenePoint, estimate_scene_depth};
 
 pub use html::layout_html;
 pub use report::{

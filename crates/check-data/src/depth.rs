@@ -4,9 +4,9 @@ use super::epipolar::{Posed, triangulate};
 use super::readings::{PairMatches, median};
 use super::report::DepthSummary;
 use super::scan::{Scan, SmallDepth};
-use crate::Lens;
 use glam::DVec3;
 use rayon::prelude::*;
+use view_data::Lens;
 
 /// Depths agree if they differ by at most this share.
 const CONSISTENT: f64 = 0.02;

@@ -3,9 +3,8 @@
 mod plot;
 
 use super::report::{CameraSummary, CheckReport, Finding, RangeSource, Severity};
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
 use plot::{overlap_plot, side_plot, top_plot};
+use report_parts::page::{escape, jpeg_source, shell, tile};
 use std::fmt::{Display, Write};
 
 /// The report as a page: what was found, the cameras from above and from the side, who overlaps whom, how
@@ -15,15 +14,9 @@ use std::fmt::{Display, Write};
 /// The drawings look along the mean of the cameras' y axes, whatever the file calls up.
 #[must_use]
 pub fn layout_html(report: &CheckReport) -> String {
-    let mut page = String::new();
     let title = escape(&report.name);
-    let _ = write!(
-        page,
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-         <title>Check of {title}</title>\n<style>\n{}</style></head><body>\n<h1>{title}</h1>\n<p \
-         class=\"soft\">{}, {}</p>\n",
-        include_str!("html/check.css"),
+    let mut page = format!(
+        "<h1>{title}</h1>\n<p class=\"soft\">{}, {}</p>\n",
         escape(&report.format),
         escape(&report.file)
     );
@@ -64,35 +57,12 @@ pub fn layout_html(report: &CheckReport) -> String {
     readings(&mut page, report);
     frames(&mut page, &report.cameras);
     thumbnails(&mut page, report);
-    page.push_str("</body></html>\n");
-    page
-}
-
-/// Text as it may stand in HTML, attributes included.
-fn escape(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            _ => escaped.push(c),
-        }
-    }
-    escaped
+    shell(&format!("Check of {}", report.name), include_str!("html/check.css"), &page)
 }
 
 fn tiles(page: &mut String, report: &CheckReport) {
     page.push_str("<div class=\"tiles\">\n");
-    let mut tile = |value: String, meaning: &str| {
-        let _ = writeln!(
-            page,
-            "<div class=\"tile\"><b>{}</b><span>{}</span></div>",
-            escape(&value),
-            escape(meaning)
-        );
-    };
+    let mut tile = |value: String, meaning: &str| page.push_str(&tile(&value, meaning));
     tile(format!("{} / {}", report.pictures.decoded, report.frames), "pictures read, of frames");
     if let Some(size) = report.pictures.sizes.first() {
         let more = report.pictures.sizes.len() - 1;
@@ -228,11 +198,11 @@ fn thumbnails(page: &mut String, report: &CheckReport) {
         let _ = writeln!(
             page,
             "<figure><img width=\"{}\" height=\"{}\" alt=\"picture of {name}\" \
-             src=\"data:image/jpeg;base64,{}\">\
+             src=\"{}\">\
              <figcaption>{name}</figcaption></figure>",
             thumbnail.width,
             thumbnail.height,
-            STANDARD.encode(&thumbnail.jpeg)
+            jpeg_source(&thumbnail.jpeg)
         );
     }
     page.push_str("</div>\n");

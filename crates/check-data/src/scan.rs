@@ -5,9 +5,6 @@ use super::features::Features;
 use super::grey::Grey;
 use super::report::Thumbnail;
 use super::{CheckSettings, CheckStage, CheckStep};
-use crate::load::DepthGrid;
-use crate::picture::{read_bytes, read_image, size};
-use crate::{Dataset, Error, Frame, Lens, Result};
 use glam::DVec2;
 use gs_scene::Intrinsics;
 use image::codecs::jpeg::JpegEncoder;
@@ -16,6 +13,7 @@ use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::hash::Hasher;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use view_data::{Dataset, Error, Frame, Lens, Result};
 
 /// What is kept of a frame.
 #[derive(Debug)]
@@ -94,7 +92,7 @@ pub(crate) fn read_sizes(
 ) -> Vec<Result<(usize, usize)>> {
     let done = Counter::new(CheckStage::Headers, dataset.frames.len(), on_step);
     let read = |frame: &Frame| {
-        let read = size(&frame.image, &frame.name);
+        let read = frame.picture_size();
         done.advance();
         read
     };
@@ -126,8 +124,8 @@ pub(crate) fn scan_frames(
 }
 
 fn scan(frame: &Frame, position: usize, wanted: &Wanted, settings: &CheckSettings) -> Result<Scan> {
-    let digest = digest(&read_bytes(&frame.image, &frame.name, u64::MAX)?);
-    let image = read_image(&frame.image, &frame.name)?;
+    let digest = digest(&frame.picture_bytes()?);
+    let image = frame.picture()?;
     let (width, height) = (image.width(), image.height());
     let lens = frame.lens.at_size(width, height).ok_or_else(|| Error::Aspect {
         path: frame.image.path().to_path_buf(),
@@ -141,10 +139,7 @@ fn scan(frame: &Frame, position: usize, wanted: &Wanted, settings: &CheckSetting
     let step = width.max(height).div_ceil(MATCHED_SIDE);
     let grey = Grey::of_rgb8(width, height, &rgb, step);
     let is_matched = wanted.matched.contains(&position);
-    let depth = frame.depth.as_ref().map(|file| {
-        let grid = DepthGrid { file, frame: &frame.name, picture: (width, height) };
-        scan_depth(&grid, lens.intrinsics, is_matched)
-    });
+    let depth = scan_depth(frame, (width, height), lens.intrinsics, is_matched).transpose();
     let thumbnail = wanted.shown.contains(&position).then(|| thumbnail(position, width, height, rgb));
     Ok(Scan {
         lens,
@@ -158,19 +153,26 @@ fn scan(frame: &Frame, position: usize, wanted: &Wanted, settings: &CheckSetting
     })
 }
 
-fn scan_depth(grid: &DepthGrid, picture: Intrinsics, keep: bool) -> Result<DepthScan> {
+/// The depth of a frame whose picture has `size` pixels in its file, if there is any.
+fn scan_depth(
+    frame: &Frame,
+    size: (usize, usize),
+    picture: Intrinsics,
+    keep: bool,
+) -> Result<Option<DepthScan>> {
     let scale = (DEPTH_SIDE as f64 / picture.width.max(picture.height) as f64).min(1.0);
     let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
     let (width, height) = (side(picture.width), side(picture.height));
     let step = DVec2::new(picture.width as f64 / width as f64, picture.height as f64 / height as f64);
-    let map = grid.sample(picture.resized(width, height), |position| position * step)?;
+    let measured = frame.measured_depth(size, picture.resized(width, height), |position| position * step);
+    let Some(map) = measured.transpose()? else { return Ok(None) };
     let data = map.data();
     let mut samples: Vec<f32> = data.iter().copied().filter(|&depth| depth > 0.0).collect();
     let stride = samples.len().div_ceil(DEPTH_SAMPLES).max(1);
     samples = samples.into_iter().step_by(stride).collect();
     samples.sort_unstable_by(f32::total_cmp);
     let map_of = |data: &[f32]| SmallDepth { width, height, data: data.to_vec(), step };
-    Ok(DepthScan { coverage: map.coverage(), samples, map: keep.then(|| map_of(data)) })
+    Ok(Some(DepthScan { coverage: map.coverage(), samples, map: keep.then(|| map_of(data)) }))
 }
 
 /// Equal files have equal digests; different ones have, once in 2^64.

@@ -1,9 +1,9 @@
 //! Drawings of the cameras and of their overlaps, as SVG.
 
-use super::escape;
-use crate::check::readings::median;
-use crate::check::report::{CameraSummary, CheckReport, OverlapSummary, Severity};
+use crate::readings::median;
+use crate::report::{CameraSummary, CheckReport, OverlapSummary, Severity};
 use glam::{DVec2, DVec3};
+use report_parts::page::escape;
 use std::fmt::Write;
 
 const WIDTH: f64 = 620.0;

@@ -4,9 +4,9 @@ use super::epipolar::{Posed, triangulate};
 use super::readings::{PairMatches, quantile};
 use super::report::{RangeSource, RangeSummary};
 use super::scan::Scan;
-use crate::{Dataset, SceneDepth, ScenePoint, estimate_scene_depth};
 use glam::DVec3;
 use gs_scene::Camera;
+use view_data::{Dataset, SceneDepth, ScenePoint, estimate_scene_depth};
 
 /// Depths that percentiles are taken of, at least.
 const MIN_DEPTHS: usize = 50;

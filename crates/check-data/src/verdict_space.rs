@@ -5,9 +5,9 @@ use super::report::{
     DepthFileSummary, DepthSummary, Finding, LayoutSummary, RangeSource, RangeSummary, Severity,
 };
 use super::{finding, listed};
-use crate::{Dataset, SceneDepth};
 use glam::DVec3;
 use gs_scene::Camera;
+use view_data::{Dataset, SceneDepth};
 
 /// Share of warped pixels that agree, of depth that is good.
 const CONSISTENT: f64 = 0.8;
