@@ -1,5 +1,5 @@
-use crate::KeptFault;
 use std::path::PathBuf;
+use tensor_files::KeptFault;
 
 /// Why a window cannot be found, loaded or cached.
 #[derive(Debug, thiserror::Error)]

@@ -1,13 +1,14 @@
 //! Cache on disk for depth and features of a frozen backbone: evaluation and training of the same views run it once.
 
 use crate::hash::of_views;
-use crate::{Error, Kept, KeptFault, KeptTensor, Result, singles, write_kept};
+use crate::{Error, Result};
 use gs_scene::{DepthMap, FeatureMap, Gaussians, View};
 use half::f16;
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use sparsesplat::{Config, Features, ViewGeometry, Wanted, backbone_identity, geometry};
 use std::path::{Path, PathBuf};
+use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
 /// Changes when the layout of a file or what a backbone computes does.
 const VERSION: u32 = 4;

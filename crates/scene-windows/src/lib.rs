@@ -10,13 +10,11 @@ mod simulated;
 
 mod geometry_cache;
 mod hash;
-mod kept;
 
 pub use dropped::Dropped;
 pub use error::{Error, Result};
 pub use geometry_cache::GeometryCache;
 pub use hash::{file_sha256, hexadecimal, sha256_of};
-pub use kept::{Kept, KeptFault, KeptTensor, Stored, singles, write_kept};
 pub use plan::{ALONG_A_VIDEO, Choice, Plan, Reading, Windows, scene_of};
 pub use simulated::{SIMULATED_SIZE, SimulatedScene, simulated_window};
 pub use window::Window;

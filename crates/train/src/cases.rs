@@ -5,13 +5,12 @@ use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, DepthMap, Image, Intrinsics, View};
 use safetensors::tensor::Dtype;
-use scene_windows::{
-    GeometryCache, Kept, KeptFault, KeptTensor, Plan, Window, hexadecimal, singles, write_kept,
-};
+use scene_windows::{GeometryCache, Plan, Window, hexadecimal};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use sparsesplat::{ViewGeometry, Wanted, backbone_identity};
 use std::path::{Path, PathBuf};
+use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
 /// Changes when the layout of a file of views does.
 const VERSION: u32 = 3;

@@ -4,9 +4,9 @@
 use crate::adam::Adam;
 use crate::{Config, Error, Result};
 use safetensors::tensor::Dtype;
-use scene_windows::{Kept, KeptFault, singles, write_kept};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use tensor_files::{Kept, KeptFault, singles, write_kept};
 
 /// What does not fit a tensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

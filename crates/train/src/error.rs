@@ -1,5 +1,5 @@
-use scene_windows::KeptFault;
 use std::path::PathBuf;
+use tensor_files::KeptFault;
 
 /// Why a head was not trained.
 #[derive(Debug, thiserror::Error)]

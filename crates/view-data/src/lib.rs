@@ -63,4 +63,4 @@ pub use tum::{open_tum, open_tum_within};
 pub use windows::windows_along;
 pub use write::{DatasetWriter, Layout, PictureFormat, WriteRule, Written};
 
-pub use torch_file::TorchRule;
+pub use tensor_files::TorchRule;

@@ -2,7 +2,7 @@
 
 use crate::file::Stored;
 use crate::pickle::{MAX_PICKLE, MAX_TEXT};
-use crate::{Error, Result, TorchRule as Rule};
+use crate::{TorchError as Error, TorchResult as Result, TorchRule as Rule};
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufReader, Read};

@@ -3,7 +3,8 @@
 use crate::archive::Archive;
 use crate::legacy::{Legacy, MAGIC};
 use crate::pickle::{MAX_DIMENSIONS, run};
-use crate::{Dtype, Error, Pickle, Result, Tensor, TorchRule as Rule, Value};
+use crate::{Dtype, Pickle, Tensor, TorchError as Error, TorchResult as Result, TorchRule as Rule, Value};
+use half::{bf16, f16};
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
@@ -128,6 +129,8 @@ impl TorchFile {
         let decode = move |bytes: &[u8]| match dtype {
             Dtype::U8 => f64::from(bytes[0]),
             Dtype::I64 => i64::from_le_bytes(wide(bytes)) as f64,
+            Dtype::F16 => f16::from_le_bytes(wide(bytes)).to_f64(),
+            Dtype::BF16 => bf16::from_le_bytes(wide(bytes)).to_f64(),
             Dtype::F32 => f64::from(f32::from_le_bytes(wide(bytes))),
             Dtype::F64 => f64::from_le_bytes(wide(bytes)),
         };

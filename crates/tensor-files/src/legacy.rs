@@ -4,7 +4,7 @@
 
 use crate::file::Stored;
 use crate::pickle::{MAX_PICKLE, Pickle, Value, run};
-use crate::{Error, Result, TorchRule as Rule};
+use crate::{TorchError as Error, TorchResult as Result, TorchRule as Rule};
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};

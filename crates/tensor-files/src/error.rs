@@ -1,9 +1,9 @@
 use crate::TorchRule;
 use std::path::PathBuf;
 
-/// Why a file cannot be read: the system, or the file. There is no third.
+/// Why a file of PyTorch cannot be read: the system, or the file. There is no third.
 #[derive(Debug, thiserror::Error)]
-pub enum Error {
+pub enum TorchError {
     /// The system refuses.
     #[error("{}: cannot be read", path.display())]
     Read {
@@ -22,5 +22,5 @@ pub enum Error {
     },
 }
 
-/// The result of this crate's operations.
-pub type Result<T> = std::result::Result<T, Error>;
+/// The result of reading a file of PyTorch.
+pub type TorchResult<T> = Result<T, TorchError>;

@@ -147,7 +147,8 @@ pub enum TorchRule {
     },
     /// Storages of a number type that is not read.
     #[error(
-        "storage is of type torch.{found}, expected ByteStorage, LongStorage, FloatStorage or DoubleStorage"
+        "storage is of type torch.{found}, expected ByteStorage, LongStorage, HalfStorage, BFloat16Storage, FloatStorage or \
+         DoubleStorage"
     )]
     StorageType {
         /// The type.

@@ -65,6 +65,10 @@ pub enum Dtype {
     U8,
     /// `torch.int64`.
     I64,
+    /// `torch.float16`.
+    F16,
+    /// `torch.bfloat16`.
+    BF16,
     /// `torch.float32`.
     F32,
     /// `torch.float64`.
@@ -76,6 +80,7 @@ impl Dtype {
     pub fn size(self) -> u64 {
         match self {
             Self::U8 => 1,
+            Self::F16 | Self::BF16 => 2,
             Self::F32 => 4,
             Self::I64 | Self::F64 => 8,
         }

@@ -2,8 +2,9 @@
 
 use proptest::prelude::*;
 use serde_json::Value as Json;
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use torch_file::{Dtype, Error, TorchFile, TorchRule};
+use tensor_files::{Dtype, TensorFile, TorchError, TorchFile, TorchResult, TorchRule};
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/torch-file").join(name)
@@ -13,7 +14,7 @@ fn fixture(name: &str) -> PathBuf {
 type Found = (String, Vec<u64>, Vec<f64>);
 
 /// Every tensor of a file.
-fn tensors(path: &Path) -> torch_file::Result<Vec<Found>> {
+fn tensors(path: &Path) -> TorchResult<Vec<Found>> {
     let mut file = TorchFile::open(path)?;
     let state = file.state().unwrap_or_default();
     let state: Vec<_> = state.into_iter().map(|(name, tensor)| (name.to_owned(), tensor)).collect();
@@ -71,7 +72,7 @@ fn rule(bytes: &[u8]) -> TorchRule {
     let file = tempfile::NamedTempFile::new().expect("a file");
     std::fs::write(file.path(), bytes).expect("written");
     match tensors(file.path()) {
-        Err(Error::Torch { rule, .. }) => rule,
+        Err(TorchError::Torch { rule, .. }) => rule,
         other => panic!("expected a broken rule, found {other:?}"),
     }
 }
@@ -133,4 +134,57 @@ proptest! {
         // The archive's directory is at its end, and the old format's numbers are.
         prop_assert!(!is_cut || whole || result.is_err());
     }
+}
+
+/// An archive of one tensor of three numbers, `w`, whose storage is of the named type.
+fn archive(storage: &str, elements: &[u8]) -> tempfile::NamedTempFile {
+    let text = |text: &str| [b"X", &(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+    let pickle = [
+        &b"\x80\x02}"[..],
+        &text("w"),
+        b"ctorch._utils\n_rebuild_tensor_v2\n((",
+        &text("storage"),
+        format!("ctorch\n{storage}\n").as_bytes(),
+        &text("0"),
+        &text("cpu"),
+        b"K\x03tQK\x00K\x03\x85K\x01\x85\x89ccollections\nOrderedDict\n)RtRs.",
+    ]
+    .concat();
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    let mut zip = zip::ZipWriter::new(file.reopen().expect("the same file"));
+    let stored = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    for (name, bytes) in [("data.pkl", &pickle[..]), ("byteorder", b"little"), ("data/0", elements)] {
+        zip.start_file(format!("archive/{name}"), stored).expect("an entry");
+        zip.write_all(bytes).expect("written");
+    }
+    zip.finish().expect("an archive");
+    file
+}
+
+#[test]
+fn halves_are_read() {
+    // 1.5, -2 and infinity, as IEEE 754 binary16 and as the upper half of binary32.
+    let half = [0x00, 0x3e, 0x00, 0xc0, 0x00, 0x7c];
+    let brain = [0xc0, 0x3f, 0x00, 0xc0, 0x80, 0x7f];
+    for (storage, dtype, bytes) in
+        [("HalfStorage", Dtype::F16, half), ("BFloat16Storage", Dtype::BF16, brain)]
+    {
+        let saved = archive(storage, &bytes);
+        let mut file = TorchFile::open(saved.path()).unwrap();
+        let tensor = file.state().unwrap()[0].1;
+        assert_eq!((tensor.dtype(), tensor.shape()), (dtype, &[3][..]));
+        assert_eq!(file.numbers(&tensor).unwrap(), [1.5, -2.0, f64::INFINITY]);
+        let (mut file, tensors) = TensorFile::open(saved.path()).unwrap();
+        assert_eq!((tensors[0].name.as_str(), &tensors[0].shape[..]), ("w", &[3][..]));
+        assert_eq!(file.values(&tensors[0]).unwrap(), [1.5, -2.0, f32::INFINITY]);
+        // Four bytes of what should be six.
+        let cut = archive(storage, &bytes[..4]);
+        let mut file = TorchFile::open(cut.path()).unwrap();
+        let tensor = file.state().unwrap()[0].1;
+        let error = file.numbers(&tensor).unwrap_err();
+        assert!(matches!(error, TorchError::Torch { rule: TorchRule::StorageSize { size: 2, .. }, .. }));
+    }
+    let saved = archive("CharStorage", &[1, 2, 3]);
+    let error = TorchFile::open(saved.path()).map(|_| ()).unwrap_err();
+    assert!(matches!(error, TorchError::Torch { rule: TorchRule::StorageType { .. }, .. }), "{error}");
 }

@@ -1,9 +1,10 @@
 //! Files of tensors that are kept from run to run: caches and checkpoints. Each has a header of its own and a checksum, so that what a
 //! disk or a copy has garbled is told where it is read, and not by what comes of it.
 
+use crate::{Checked, SafetensorsFault, checked, to_bytes};
 use crc32fast::Hasher;
 use gs_scene::write_atomically;
-use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorView, serialize};
+use safetensors::tensor::{Dtype, Metadata};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -27,7 +28,7 @@ pub enum KeptFault {
     Write(#[from] gs_scene::Error),
     /// Not what safetensors files look like, or cut short.
     #[error("no whole safetensors file")]
-    Tensors(#[from] safetensors::SafeTensorError),
+    Tensors(#[from] SafetensorsFault),
     /// Of another kind, or of another version of this code.
     #[error("no {kind} of this version")]
     Kind {
@@ -93,12 +94,9 @@ pub fn write_kept(
     let parts =
         sorted.iter().map(|(name, dtype, shape, data)| (name.as_str(), *dtype, &shape[..], &data[..]));
     let sealed = Sealed { crc32: checksum(&header, parts), header };
-    let views = tensors
-        .iter()
-        .map(|(name, dtype, shape, data)| Ok((name.as_str(), TensorView::new(*dtype, shape.clone(), data)?)))
-        .collect::<Result<Vec<_>, KeptFault>>()?;
-    let metadata = HashMap::from([(kind.to_owned(), serde_json::to_string(&sealed)?)]);
-    let bytes = serialize(views, Some(metadata))?;
+    let parts =
+        tensors.iter().map(|(name, dtype, shape, data)| (name.as_str(), *dtype, &shape[..], &data[..]));
+    let bytes = to_bytes(parts, HashMap::from([(kind.to_owned(), serde_json::to_string(&sealed)?)]))?;
     Ok(write_atomically(path, |out| out.write_all(&bytes))?)
 }
 
@@ -122,14 +120,12 @@ impl Kept {
     }
 
     fn of_bytes<H: DeserializeOwned>(bytes: Vec<u8>, kind: &'static str) -> Result<(H, Self), KeptFault> {
-        SafeTensors::deserialize(&bytes)?;
-        let (length, metadata) = SafeTensors::read_metadata(&bytes)?;
+        let Checked { metadata, start, .. } = checked(&bytes)?;
         let sealed = metadata.metadata().as_ref().and_then(|all| all.get(kind));
         let sealed = sealed.ok_or(KeptFault::Kind { kind })?;
         let Sealed { crc32: expected, header } =
             serde_json::from_str(sealed).map_err(|_| KeptFault::Kind { kind })?;
-        // The length of the header takes the first eight bytes.
-        let kept = Self { bytes, start: 8 + length, metadata };
+        let kept = Self { bytes, start, metadata };
         let mut names: Vec<String> = kept.metadata.tensors().into_keys().collect();
         names.sort();
         let parts = names.iter().filter_map(|name| {

@@ -15,6 +15,8 @@ impl Machine {
             ("collections", "OrderedDict") => Global::OrderedDict,
             ("torch", "ByteStorage") => Global::Storage(Dtype::U8),
             ("torch", "LongStorage") => Global::Storage(Dtype::I64),
+            ("torch", "HalfStorage") => Global::Storage(Dtype::F16),
+            ("torch", "BFloat16Storage") => Global::Storage(Dtype::BF16),
             ("torch", "FloatStorage") => Global::Storage(Dtype::F32),
             ("torch", "DoubleStorage") => Global::Storage(Dtype::F64),
             ("torch", other) if other.ends_with("Storage") => {
