@@ -1,7 +1,10 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(feature = "safetensors")]
 mod kept;
+#[cfg(feature = "safetensors")]
 mod safetensors_file;
+#[cfg(feature = "safetensors")]
 mod weights;
 
 #[cfg(feature = "torch")]
@@ -16,11 +19,15 @@ mod legacy;
 mod pickle;
 #[cfg(feature = "torch")]
 mod rule;
-#[cfg(feature = "torch")]
+
+#[cfg(all(feature = "safetensors", feature = "torch"))]
 mod tensor_file;
 
+#[cfg(feature = "safetensors")]
 pub use kept::{Kept, KeptFault, KeptTensor, Stored, singles, write_kept};
+#[cfg(feature = "safetensors")]
 pub use safetensors_file::{Checked, SafetensorsFault, checked, to_bytes};
+#[cfg(feature = "safetensors")]
 pub use weights::{WeightFault, WeightProblem, first_few};
 
 #[cfg(feature = "torch")]
@@ -31,5 +38,6 @@ pub use file::TorchFile;
 pub use pickle::{Dtype, Pickle, Tensor, Value};
 #[cfg(feature = "torch")]
 pub use rule::TorchRule;
-#[cfg(feature = "torch")]
+
+#[cfg(all(feature = "safetensors", feature = "torch"))]
 pub use tensor_file::{StoredTensor, TensorFile, TensorFileError};
