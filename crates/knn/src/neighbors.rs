@@ -40,7 +40,7 @@ pub fn knn(points: &[[f32; 3]], k: usize) -> Result<Neighbors> {
     if k == 0 {
         return Ok(without_neighbours(points.len()));
     }
-    Ok(Tree::of(points).knn(k))
+    Ok(Tree::build(points).knn(k))
 }
 
 /// The `k` nearest points of every query. With fewer than `k` points, each row holds all of them.
@@ -54,7 +54,7 @@ pub fn query(points: &[[f32; 3]], queries: &[[f32; 3]], k: usize) -> Result<Neig
     if k == 0 || queries.is_empty() {
         return Ok(Neighbors { k, ..without_neighbours(queries.len()) });
     }
-    Ok(Tree::of(points).search(queries, k))
+    Ok(Tree::build(points).search(queries, k))
 }
 
 impl Tree {
@@ -64,7 +64,7 @@ impl Tree {
     /// If a coordinate is not finite or the points are more than a `u32` can index.
     pub fn new(points: &[[f32; 3]]) -> Result<Self> {
         check("point", points)?;
-        Ok(Self::of(points))
+        Ok(Self::build(points))
     }
 
     /// Number of points.
@@ -105,7 +105,7 @@ impl Tree {
             return Neighbors { k, ..without_neighbours(queries.len()) };
         }
         // The queries get a tree too: its leaves are the blocks of near queries that are searched together.
-        search(self, &Self::of(queries), k, Among::All)
+        search(self, &Self::build(queries), k, Among::All)
     }
 }
 

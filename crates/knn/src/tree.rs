@@ -49,7 +49,7 @@ struct Item {
 
 impl Tree {
     /// A tree of points that are all finite.
-    pub(crate) fn of(points: &[[f32; 3]]) -> Self {
+    pub(crate) fn build(points: &[[f32; 3]]) -> Self {
         let mut items: Vec<Item> =
             (0u32..).zip(points).map(|(index, &position)| Item { position, index }).collect();
         let n_leaves = points.len().div_ceil(LEAF);
