@@ -1,5 +1,6 @@
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
+use tensor_files::{SafetensorsFault, WeightProblem};
 
 /// Why there are no outputs, or no weights.
 #[derive(Debug, thiserror::Error)]
@@ -93,33 +94,16 @@ pub enum Error {
     },
     /// The bytes are not safetensors.
     #[error("not a sound safetensors file")]
-    NotSafetensors(#[from] safetensors::SafeTensorError),
-    /// The header of the safetensors lists data that are not there.
-    #[error(
-        "{name} ends at byte {end} of the data, of which there are {found}: the file is cut short or damaged"
-    )]
-    Truncated {
-        /// Which tensor.
-        name: String,
-        /// Where its data should end.
-        end: u64,
-        /// Bytes after the header.
-        found: u64,
-    },
+    NotSafetensors(#[from] SafetensorsFault),
     /// The metadata of the safetensors has no configuration of a head.
     #[error("no `{key}` in the file's metadata: these are not the weights of a head")]
     NotAHead {
         /// The key under which it should be.
         key: &'static str,
     },
-    /// The configuration, or the header around it, cannot be understood.
-    #[error("the file's {part} cannot be understood")]
-    Description {
-        /// Header or configuration.
-        part: &'static str,
-        /// Why.
-        source: serde_json::Error,
-    },
+    /// The configuration in the metadata cannot be understood.
+    #[error("the file's configuration cannot be understood")]
+    Description(#[source] serde_json::Error),
     /// A file is larger than the weights of any head.
     #[error("more than {limit} bytes, and no head has that many")]
     TooLarge {
@@ -148,51 +132,3 @@ pub enum Error {
 
 /// This crate's result.
 pub type Result<T> = std::result::Result<T, Error>;
-
-/// What is wrong with a tensor among the weights.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum WeightFault {
-    /// The head needs it, and it is not there.
-    Missing,
-    /// It is there, and the head has no use for it.
-    Unexpected,
-    /// It has another shape.
-    Shape {
-        /// What the head needs.
-        expected: Vec<usize>,
-        /// What is there.
-        found: Vec<usize>,
-    },
-    /// It holds something else than 32-bit floating-point numbers.
-    Type {
-        /// What it holds.
-        found: safetensors::Dtype,
-    },
-    /// It holds a NaN or an infinity.
-    NotFinite,
-}
-
-/// A tensor that does not fit.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct WeightProblem {
-    /// Its name.
-    pub name: String,
-    /// What is wrong.
-    pub fault: WeightFault,
-}
-
-impl std::fmt::Display for WeightProblem {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { name, fault } = self;
-        match fault {
-            WeightFault::Missing => write!(f, "{name} is missing"),
-            WeightFault::Unexpected => write!(f, "{name} is unexpected"),
-            WeightFault::Shape { expected, found } => {
-                write!(f, "{name} has shape {found:?}, expected {expected:?}")
-            }
-            WeightFault::Type { found } => write!(f, "{name} holds {found:?}, expected F32"),
-            WeightFault::NotFinite => write!(f, "{name} holds a value that is not finite"),
-        }
-    }
-}

@@ -9,6 +9,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
+use tensor_files::{Checked, checked, to_bytes};
 
 /// Key of the description in the metadata.
 const KEY: &str = "attn-head";
@@ -31,12 +32,6 @@ struct Description {
 struct Header {
     #[serde(rename = "__metadata__", default)]
     metadata: BTreeMap<String, String>,
-}
-
-/// Where the data of a tensor lie, as the header has it; all else is ignored.
-#[derive(Deserialize)]
-struct Place {
-    data_offsets: Option<(u64, u64)>,
 }
 
 impl Weights {
@@ -81,13 +76,11 @@ impl Weights {
         if bytes.len() as u64 > LARGEST_FILE {
             return Err(Error::TooLarge { limit: LARGEST_FILE });
         }
-        check_places(bytes)?;
-        let file = SafeTensors::deserialize(bytes)?;
-        let (_, header) = SafeTensors::read_metadata(bytes)?;
+        let Checked { tensors: file, metadata: header, .. } = checked(bytes)?;
         let description = header.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
         let description = description.ok_or(Error::NotAHead { key: KEY })?;
-        let Description { config, metadata } = serde_json::from_str(description)
-            .map_err(|source| Error::Description { part: "configuration", source })?;
+        let Description { config, metadata } =
+            serde_json::from_str(description).map_err(Error::Description)?;
         config.check()?;
         Ok(Self { config, values: values(&file, &config)?, metadata })
     }
@@ -109,16 +102,14 @@ impl Weights {
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         self.check()?;
         let description = Description { config: self.config, metadata: self.metadata.clone() };
-        let description = serde_json::to_string(&description)
-            .map_err(|source| Error::Description { part: "configuration", source })?;
+        let description = serde_json::to_string(&description).map_err(Error::Description)?;
         let bytes: Vec<u8> = self.values.iter().flat_map(|v| v.to_le_bytes()).collect();
-        let views = Layout::new(&self.config).parameters.into_iter().map(|p| {
+        let layout = Layout::new(&self.config);
+        let tensors = layout.parameters.iter().map(|p| {
             let data = &bytes[4 * p.offset..][..4 * p.len()];
-            Ok((p.name, TensorView::new(Dtype::F32, p.shape, data)?))
+            (p.name.as_str(), Dtype::F32, &p.shape[..], data)
         });
-        let views = views.collect::<Result<Vec<_>>>()?;
-        let metadata = HashMap::from([(KEY.to_owned(), description)]);
-        let bytes = safetensors::serialize(views, Some(metadata))?;
+        let bytes = to_bytes(tensors, HashMap::from([(KEY.to_owned(), description)]))?;
         if bytes.len() as u64 > LARGEST_FILE {
             return Err(Error::TooLarge { limit: LARGEST_FILE });
         }
@@ -152,22 +143,4 @@ fn values(file: &SafeTensors<'_>, config: &Config) -> Result<Vec<f32>> {
     let unexpected = |name: &str| WeightProblem { name: name.to_owned(), fault: WeightFault::Unexpected };
     problems.extend(found.into_keys().map(unexpected));
     if problems.is_empty() { Ok(values) } else { Err(Error::Weights { problems }) }
-}
-
-/// That all data which the header lists are there. The library adds up the ends unchecked.
-fn check_places(bytes: &[u8]) -> Result<()> {
-    let Some((length, rest)) = bytes.split_first_chunk() else {
-        return Err(safetensors::SafeTensorError::HeaderTooSmall.into());
-    };
-    let header = usize::try_from(u64::from_le_bytes(*length)).ok().and_then(|length| rest.get(..length));
-    let header = header.ok_or(safetensors::SafeTensorError::InvalidHeaderLength)?;
-    let places: BTreeMap<String, Place> =
-        serde_json::from_slice(header).map_err(|source| Error::Description { part: "header", source })?;
-    let found = (rest.len() - header.len()) as u64;
-    for (name, Place { data_offsets }) in places {
-        if let Some((_, end)) = data_offsets.filter(|(_, end)| *end > found) {
-            return Err(Error::Truncated { name, end, found });
-        }
-    }
-    Ok(())
 }

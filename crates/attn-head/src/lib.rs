@@ -13,8 +13,9 @@ pub mod plain;
 mod weights;
 
 pub use config::{Config, HEAD_WIDTH, HEADS, Kind, LAYERS, MESSAGE, OUTPUTS, WIDTH};
-pub use error::{Error, Result, WeightFault, WeightProblem};
+pub use error::{Error, Result};
 pub use head::Head;
 pub use inputs::Inputs;
 pub use layout::{LAST_LAYER, Layout, Parameter};
+pub use tensor_files::{SafetensorsFault, WeightFault, WeightProblem};
 pub use weights::Weights;

@@ -125,7 +125,7 @@ pub enum Error {
     },
     /// Tensors of a checkpoint are missing, unexpected, misshapen or not finite.
     #[cfg(feature = "depthsplat")]
-    #[error("weights {path} do not fit {variant}: {}", first_few(problems), path = path.display())]
+    #[error("weights {path} do not fit {variant}: {}", tensor_files::first_few(problems), path = path.display())]
     Weights {
         /// The file.
         path: std::path::PathBuf,
@@ -159,14 +159,3 @@ pub enum Error {
 
 /// This crate's result.
 pub type Result<T> = std::result::Result<T, Error>;
-
-/// The first problems, and how many more there are.
-#[cfg(feature = "depthsplat")]
-fn first_few(problems: &[crate::WeightProblem]) -> String {
-    const SHOWN: usize = 5;
-    let mut text = problems.iter().take(SHOWN).map(ToString::to_string).collect::<Vec<_>>().join("; ");
-    if problems.len() > SHOWN {
-        text += &format!("; and {} more", problems.len() - SHOWN);
-    }
-    text
-}

@@ -1,8 +1,7 @@
 //! The figures of a window, and their means: over targets, then windows, then scenes.
 
-use crate::Window;
 use crate::method::Refinement;
-use crate::plan::scene_of;
+use scene_windows::{Window, scene_of};
 use serde::{Deserialize, Serialize, Serializer};
 use sparsesplat::{Counts, ExposureGain, StageSeconds};
 
@@ -73,7 +72,7 @@ impl Seconds {
     }
 
     /// Every time from the way to read it off.
-    pub(crate) fn of_each(value: impl Fn(fn(&Self) -> f64) -> f64) -> Self {
+    pub fn of_each(value: impl Fn(fn(&Self) -> f64) -> f64) -> Self {
         Self {
             load: value(|s| s.load),
             backbone: value(|s| s.backbone),
@@ -159,19 +158,19 @@ impl Figures {
 }
 
 /// Mean; NaN of nothing. An infinity stays one.
-pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+pub fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
     sum / f64::from(count)
 }
 
 /// Mean where every value is there; none of nothing.
-pub(crate) fn optional_mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+pub fn optional_mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let values: Vec<f64> = values.collect::<Option<_>>()?;
     (!values.is_empty()).then(|| mean(values.into_iter()))
 }
 
 /// Median, of an even number the mean of the two in the middle; NaN of nothing. An infinity stays one.
-pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
+pub fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_unstable_by(f64::total_cmp);
     let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
@@ -179,7 +178,8 @@ pub(crate) fn median(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Standard deviation of a sample; `None` with fewer than two values.
-pub(crate) fn deviation(values: &[f64]) -> Option<f64> {
+#[must_use]
+pub fn deviation(values: &[f64]) -> Option<f64> {
     let centre = mean(values.iter().copied());
     let squares: f64 = values.iter().map(|value| (value - centre).powi(2)).sum();
     (values.len() > 1).then(|| (squares / (values.len() - 1) as f64).sqrt())
@@ -327,27 +327,6 @@ pub struct MeanRow {
     pub spread: Option<Spread>,
 }
 
-/// A window that gave no figures.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Dropped {
-    /// `scene/window`, or the folder that could not be read.
-    pub name: String,
-    /// Why.
-    pub reason: String,
-    /// Whether something failed. An index that leaves a scene out by itself is no failure.
-    pub failed: bool,
-}
-
-impl Dropped {
-    /// A window or folder that was given up, with the error and its causes as the reason.
-    #[must_use]
-    pub fn new(name: &str, error: &dyn std::error::Error) -> Self {
-        let causes = std::iter::successors(Some(error), |error| error.source());
-        let reason = causes.map(ToString::to_string).collect::<Vec<_>>().join(": ");
-        Self { name: name.to_owned(), reason, failed: true }
-    }
-}
-
 /// The rows of scenes, and of the mean over them.
 ///
 /// # Panics
@@ -389,14 +368,14 @@ pub fn means(windows: &[WindowRow]) -> (Vec<MeanRow>, MeanRow) {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
 
-    pub(crate) fn figures(psnr: f64) -> Figures {
+    fn figures(psnr: f64) -> Figures {
         Figures { psnr_held_out: psnr, ..Figures::mean(&[]) }
     }
 
-    pub(crate) fn row(name: &str, psnrs: &[f64]) -> WindowRow {
+    fn row(name: &str, psnrs: &[f64]) -> WindowRow {
         let run = |(seed, &psnr): (usize, &f64)| WindowFigures {
             seed: seed as u64,
             figures: figures(psnr),

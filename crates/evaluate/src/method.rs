@@ -2,9 +2,10 @@
 
 use crate::figures::CurvePoint;
 use crate::window::Stopwatch;
-use crate::{Error, GeometryCache, Result, Step, Window};
+use crate::{Error, Result, Step};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
+use scene_windows::{GeometryCache, Window};
 use serde::Serialize;
 use sparsesplat::{Config, Exposure, Prediction, Stage, predict, predict_from, wanted};
 
@@ -47,7 +48,10 @@ impl Method {
     }
 
     /// Refines a prediction in place, if that is asked for; `held_out` measures a scene, for the curve.
-    pub(crate) fn refine(
+    ///
+    /// # Errors
+    /// If the scene cannot be refined, or `held_out` fails.
+    pub fn refine(
         &self,
         window: &Window,
         prediction: &mut Prediction,

@@ -1,10 +1,11 @@
 //! The protocol of the tables: windows, seeds, means; what fails is named, never skipped.
 
-use crate::figures::{Dropped, MeanRow, WindowRow, means};
+use crate::figures::{MeanRow, WindowRow, means};
 use crate::window::run_window;
-use crate::{Method, Outcome, Plan, Step, Window, hash};
+use crate::{Method, Outcome, Step};
 use gs_raster::Rasterizer;
 use image_metrics::Lpips;
+use scene_windows::{Dropped, Plan, Window, sha256_of};
 use serde::Serialize;
 
 /// What all tables have in common, in words.
@@ -102,7 +103,7 @@ pub fn evaluate(
     }
     let (scenes, mean) = means(&windows);
     let nearest_view = NearestView { psnr_held_out: mean.figures.psnr_nearest_view };
-    let data_sha256 = hash::of_all(windows.iter().map(|window| window.data_sha256.as_str()));
+    let data_sha256 = sha256_of(windows.iter().map(|window| window.data_sha256.as_str()));
     let baselines = Baselines { nearest_view };
     let lpips_network = lpips.map(|lpips| lpips.network().name());
     Evaluation { protocol: PROTOCOL, lpips_network, windows, scenes, mean, baselines, dropped, data_sha256 }

@@ -48,7 +48,10 @@ fn render(
 }
 
 /// Renders with settings of the caller's; the near plane is that of all pictures. Without depth its map is empty.
-pub(crate) fn render_as(
+///
+/// # Errors
+/// As [`render_view`].
+pub fn render_as(
     rasterizer: &mut Rasterizer,
     gaussians: &Gaussians,
     camera: &Camera,

@@ -7,25 +7,9 @@ use crate::{Error, Method, Result};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, Image, View};
 use image_metrics::{Lpips, error_share, psnr, psnr_colour_corrected, ssim};
+use scene_windows::Window;
 use sparsesplat::{Prediction, Stage};
 use std::time::Instant;
-
-/// Views of one scene: some to reconstruct from, some held out to be measured on.
-#[derive(Debug, Clone)]
-pub struct Window {
-    /// `scene/window`.
-    pub name: String,
-    /// Context views: all that the method sees.
-    pub context: Vec<View>,
-    /// Held-out targets.
-    pub targets: Vec<View>,
-    /// Positions of the context views in the data set's list.
-    pub context_positions: Vec<usize>,
-    /// Positions of the targets.
-    pub target_positions: Vec<usize>,
-    /// Time it took to load the views, seconds.
-    pub load_seconds: f64,
-}
 
 /// What is being done, for progress bars.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,17 +58,22 @@ pub fn reconstruct_window(
     Ok(outcome(window, method, prediction, refinement, taken.seconds))
 }
 
-/// Wall time of what is timed, seconds.
-pub(crate) struct Stopwatch {
-    pub(crate) seconds: f64,
+/// Adds up the wall time of what is timed.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Stopwatch {
+    /// Wall time so far, seconds.
+    pub seconds: f64,
 }
 
 impl Stopwatch {
-    pub(crate) fn new() -> Self {
-        Self { seconds: 0.0 }
+    /// A stopwatch at 0.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
     }
 
-    pub(crate) fn time<T>(&mut self, work: impl FnOnce() -> T) -> T {
+    /// Does the work and adds its time.
+    pub fn time<T>(&mut self, work: impl FnOnce() -> T) -> T {
         let begin = Instant::now();
         let result = work();
         self.seconds += begin.elapsed().as_secs_f64();
@@ -201,7 +190,10 @@ pub fn run_window(
 }
 
 /// A metric between a photograph and what should look like it.
-pub(crate) fn compare(
+///
+/// # Errors
+/// If the metric refuses the pair.
+pub fn compare(
     metric: impl Fn(&Image, &Image) -> image_metrics::Result<f64>,
     view: &View,
     image: &Image,
@@ -210,7 +202,10 @@ pub(crate) fn compare(
 }
 
 /// LPIPS between a photograph and its rendering, where there are weights for it.
-pub(crate) fn lpips_of(lpips: Option<&Lpips>, view: &View, image: &Image) -> Result<Option<f64>> {
+///
+/// # Errors
+/// If the sizes of the two differ.
+pub fn lpips_of(lpips: Option<&Lpips>, view: &View, image: &Image) -> Result<Option<f64>> {
     let distance =
         |lpips: &Lpips| compare(|photograph, image| lpips.distance(photograph, image), view, &clipped(image));
     lpips.map(distance).transpose()
@@ -228,7 +223,10 @@ fn nearest_view<'a>(target: &View, context: &'a [View]) -> Result<&'a View> {
     let position = target.camera().position();
     let distance = |view: &View| view.camera().position().distance_squared(position);
     // `min_by` keeps the first of equals.
-    context.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).ok_or(Error::NoContext)
+    context
+        .iter()
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        .ok_or_else(|| scene_windows::Error::NoContext.into())
 }
 
 #[cfg(test)]
@@ -249,6 +247,9 @@ mod tests {
         let context = [view("far", 9.0), view("left", -1.0), view("right", 1.0)];
         assert_eq!(nearest_view(&view("t", 0.0), &context).unwrap().name(), "left");
         assert_eq!(nearest_view(&view("t", 6.0), &context).unwrap().name(), "far");
-        assert!(matches!(nearest_view(&view("t", 0.0), &[]), Err(Error::NoContext)));
+        assert!(matches!(
+            nearest_view(&view("t", 0.0), &[]),
+            Err(Error::Window(scene_windows::Error::NoContext))
+        ));
     }
 }

@@ -119,7 +119,7 @@ pub enum Error {
     #[error(
         "weights {} do not make LPIPS with {network}, the network's file and that of its linear layers: {}",
         listed(paths),
-        first_few(problems)
+        tensor_files::first_few(problems)
     )]
     Weights {
         /// The files.
@@ -134,17 +134,6 @@ pub enum Error {
 #[cfg(feature = "lpips")]
 fn listed(paths: &[std::path::PathBuf]) -> String {
     paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
-}
-
-/// The first problems, and how many more there are.
-#[cfg(feature = "lpips")]
-fn first_few(problems: &[crate::WeightProblem]) -> String {
-    const SHOWN: usize = 5;
-    let mut text = problems.iter().take(SHOWN).map(ToString::to_string).collect::<Vec<_>>().join("; ");
-    if problems.len() > SHOWN {
-        text += &format!("; and {} more", problems.len() - SHOWN);
-    }
-    text
 }
 
 /// The result of this crate's operations.

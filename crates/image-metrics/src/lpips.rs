@@ -6,11 +6,10 @@ mod convolution;
 mod maps;
 mod network;
 mod pool;
-mod source;
 mod weights;
 
 pub use architecture::LpipsNetwork;
-pub use weights::{WeightFault, WeightProblem};
+pub use tensor_files::{WeightFault, WeightProblem};
 
 use crate::check::moderate;
 use crate::{Error, Result};

@@ -18,6 +18,7 @@ mod scatter;
 pub use brute_force::{brute_force, brute_force_query};
 pub use error::{Error, Result};
 pub use neighbors::{Neighbors, knn, query};
+pub use tree::Tree;
 
 #[cfg(test)]
 #[path = "../tests/it/sets.rs"]

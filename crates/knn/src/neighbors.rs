@@ -40,8 +40,7 @@ pub fn knn(points: &[[f32; 3]], k: usize) -> Result<Neighbors> {
     if k == 0 {
         return Ok(without_neighbours(points.len()));
     }
-    let tree = Tree::new(points);
-    Ok(search(&tree, &tree, k, Among::Others))
+    Ok(Tree::build(points).knn(k))
 }
 
 /// The `k` nearest points of every query. With fewer than `k` points, each row holds all of them.
@@ -55,8 +54,59 @@ pub fn query(points: &[[f32; 3]], queries: &[[f32; 3]], k: usize) -> Result<Neig
     if k == 0 || queries.is_empty() {
         return Ok(Neighbors { k, ..without_neighbours(queries.len()) });
     }
-    // The queries get a tree too: its leaves are the blocks of near queries that are searched together.
-    Ok(search(&Tree::new(points), &Tree::new(queries), k, Among::All))
+    Ok(Tree::build(points).search(queries, k))
+}
+
+impl Tree {
+    /// The tree of a set of points, for many searches in it.
+    ///
+    /// # Errors
+    /// If a coordinate is not finite or the points are more than a `u32` can index.
+    pub fn new(points: &[[f32; 3]]) -> Result<Self> {
+        check("point", points)?;
+        Ok(Self::build(points))
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.n_points
+    }
+
+    /// Whether there are no points.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.n_points == 0
+    }
+
+    /// As [`knn`] of the tree's points.
+    #[must_use]
+    pub fn knn(&self, k: usize) -> Neighbors {
+        let k = k.min(self.n_points.saturating_sub(1));
+        if k == 0 {
+            return without_neighbours(self.n_points);
+        }
+        search(self, self, k, Among::Others)
+    }
+
+    /// As [`query`] in the tree's points.
+    ///
+    /// # Errors
+    /// If a coordinate is not finite or the queries are more than a `u32` can index.
+    pub fn query(&self, queries: &[[f32; 3]], k: usize) -> Result<Neighbors> {
+        check("query", queries)?;
+        Ok(self.search(queries, k))
+    }
+
+    /// Of queries that have been checked.
+    fn search(&self, queries: &[[f32; 3]], k: usize) -> Neighbors {
+        let k = k.min(self.n_points);
+        if k == 0 || queries.is_empty() {
+            return Neighbors { k, ..without_neighbours(queries.len()) };
+        }
+        // The queries get a tree too: its leaves are the blocks of near queries that are searched together.
+        search(self, &Self::build(queries), k, Among::All)
+    }
 }
 
 fn without_neighbours(rows: usize) -> Neighbors {

@@ -134,7 +134,7 @@ mod tests {
         for shape in sets::SHAPES {
             for (n, k) in [(2, 1), (33, 7), (700, 1), (700, 20), (700, 33), (700, 300)] {
                 let (points, queries) = (sets::set(shape, n, 5), sets::set(shape, 90, 6));
-                let (tree, asking) = (Tree::new(&points), Tree::new(&queries));
+                let (tree, asking) = (Tree::build(&points), Tree::build(&queries));
                 let found = search_with(&tree, &tree, k, Among::Others, || Candidates::new(k));
                 assert_eq!(Ok(found), brute_force(&points, k), "{shape}, {n} points, k = {k}");
                 let found = search_with(&tree, &asking, k, Among::All, || Candidates::new(k));

@@ -9,10 +9,9 @@ use crate::train::{Data, Run, SAVE_EVERY, config};
 use crate::{device, output};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
-use evaluate::{
-    Dropped, Event, GeometryCache, Lpips, Method, Plan, Reading, Recipe, Spread, Table, Windows, evaluate,
-    lpips_column, number,
-};
+use evaluate::{Event, Lpips, Method, Recipe, Spread, evaluate};
+use report_parts::{Table, lpips_column, number};
+use scene_windows::{Dropped, GeometryCache, Plan, Reading, Windows};
 use serde::Serialize;
 use sparsesplat::{Allocation, Budget, Head};
 use std::path::PathBuf;

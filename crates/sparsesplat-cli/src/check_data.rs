@@ -6,14 +6,13 @@ use crate::output;
 use crate::output::{Outputs, named};
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line};
+use check_data::{CheckReport, CheckSettings, CheckStage, Finding, Severity, check_data, layout_html};
 use clap::Args;
-use evaluate::{Dropped, Recipe, peak_rss_bytes};
+use evaluate::{Recipe, peak_rss_bytes};
+use scene_windows::Dropped;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use view_data::{
-    CheckReport, CheckSettings, CheckStage, Dataset, Finding, Format, Severity, check_data, layout_html,
-    open_all,
-};
+use view_data::{Dataset, Format, open_all};
 
 /// Describe a data set and find mistakes in it
 ///

@@ -7,10 +7,10 @@ use crate::output;
 use crate::progress::{Progress, describe};
 use crate::summary::{counts_line, memory_line, print, print_line, refinement_line, seconds_line, shortfall};
 use clap::Args;
-use evaluate::{
-    Picture, PictureLimits, Recipe, Report, SIMULATED_SIZE, SimulatedScene, WindowRow, figures_table, means,
-    peak_rss_bytes, run_window, simulated_window,
-};
+use evaluate::{Recipe, WindowRow, means, peak_rss_bytes, run_window};
+use report::{PictureLimits, Report, figures_table};
+use report_parts::Picture;
+use scene_windows::{SIMULATED_SIZE, SimulatedScene, simulated_window};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;

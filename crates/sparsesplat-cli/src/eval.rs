@@ -10,10 +10,9 @@ use crate::progress::{Progress, describe};
 use crate::source::{Planned, Source, files_of};
 use crate::summary::{print, print_line};
 use clap::Args;
-use evaluate::{
-    Evaluation, Event, GeometryCache, Method, PictureLimits, Reading, Recipe, Report, evaluate,
-    figures_table, peak_rss_bytes, refinement_plot,
-};
+use evaluate::{Evaluation, Event, Method, Recipe, evaluate, peak_rss_bytes};
+use report::{PictureLimits, Report, figures_table, refinement_plot};
+use scene_windows::{GeometryCache, Reading};
 use serde::Serialize;
 use std::path::PathBuf;
 

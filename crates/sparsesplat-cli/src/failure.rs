@@ -33,10 +33,14 @@ impl Failure {
     }
 
     /// Data that cannot be read and views that do not suffice are the caller's to mend, the rest is ours.
-    pub(crate) fn sorted(error: evaluate::Error) -> Self {
-        match error {
-            evaluate::Error::Data(_) | evaluate::Error::Predict(_) => Self::Input(error.into()),
-            _ => Self::Work(error.into()),
+    pub(crate) fn sorted(error: impl Into<evaluate::Error>) -> Self {
+        use evaluate::Error::{Predict, Window};
+        match error.into() {
+            error @ (Predict(_)
+            | Window(scene_windows::Error::Data(_) | scene_windows::Error::Predict(_))) => {
+                Self::Input(error.into())
+            }
+            error => Self::Work(error.into()),
         }
     }
 
@@ -52,8 +56,13 @@ impl Failure {
 /// The argument that does what the error of a library advises: libraries know nothing of arguments.
 fn argument(error: &anyhow::Error) -> Option<&'static str> {
     error.chain().find_map(|cause| {
+        // An error that only wraps another does not stand before it in the chain, but in its place.
         let cause = cause.downcast_ref().map_or(cause, |error: &evaluate::Error| match error {
-            evaluate::Error::Data(error) => error,
+            evaluate::Error::Window(error) => error,
+            other => other,
+        });
+        let cause = cause.downcast_ref().map_or(cause, |error: &scene_windows::Error| match error {
+            scene_windows::Error::Data(error) => error,
             other => other,
         });
         if let Some(error) = cause.downcast_ref::<view_data::Error>() {
@@ -64,10 +73,10 @@ fn argument(error: &anyhow::Error) -> Option<&'static str> {
                 _ => None,
             };
         }
-        if let Some(evaluate::Error::NoDepthHint { .. }) = cause.downcast_ref() {
+        if let Some(scene_windows::Error::NoDepthHint { .. }) = cause.downcast_ref() {
             return Some("--depth-range estimate or NEAR,FAR");
         }
-        if let Some(evaluate::tradeoff::SweepError::Scheduler { .. }) = cause.downcast_ref() {
+        if let Some(tradeoff::SweepError::Scheduler { .. }) = cause.downcast_ref() {
             return Some("--shard I/N");
         }
         None

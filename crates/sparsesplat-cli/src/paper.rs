@@ -6,10 +6,10 @@ use crate::output::{self, Outputs, named};
 use crate::summary::{print, print_line};
 use crate::sweep::Sweeping;
 use clap::{Args, ValueEnum};
-use evaluate::tradeoff::{Comparison, Extent, PaperTable, Summary, comparison_markdown, stated};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::PathBuf;
+use tradeoff::{Comparison, Extent, PaperTable, Summary, comparison_markdown, stated};
 
 /// Print the paper's tables with our figures beside them
 ///

@@ -41,7 +41,7 @@ impl Progress {
     }
 
     /// What a user should know of a scene's data: what they list and is not used, and in which frame the result is.
-    pub(crate) fn warn_of_data(&self, scene: &str, plan: &evaluate::Plan) {
+    pub(crate) fn warn_of_data(&self, scene: &str, plan: &scene_windows::Plan) {
         if let Some([x, y, z]) = plan.offset() {
             self.warn(&format!(
                 "{scene}: lies far from the origin, where the 32-bit numbers of a PLY file are too coarse: ({x}, {y}, {z}) was subtracted \

@@ -10,11 +10,10 @@ use crate::summary::{
     counts_line, held_out_line, memory_line, print_line, refinement_line, seconds_line, shortfall,
 };
 use clap::Args;
-use evaluate::{
-    Choice, PictureLimits, Plan, Reading, Recipe, Report, Step, WindowFigures, peak_rss_bytes,
-    reconstruct_window, run_window,
-};
+use evaluate::{Recipe, Step, WindowFigures, peak_rss_bytes, reconstruct_window, run_window};
 use gs_raster::Rasterizer;
+use report::{PictureLimits, Report};
+use scene_windows::{Choice, Plan, Reading};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;

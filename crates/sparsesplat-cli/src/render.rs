@@ -8,10 +8,9 @@ use crate::output::Outputs;
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line, warn};
 use clap::Args;
-use evaluate::{
-    DepthScale, Picture, Recipe, Rendered, count, peak_rss_bytes, render_ellipsoids, render_view,
-};
+use evaluate::{Recipe, Rendered, peak_rss_bytes, render_ellipsoids, render_view};
 use gs_scene::{Camera, Intrinsics};
+use report_parts::{DepthScale, Picture, count};
 use serde::Serialize;
 use std::collections::HashMap;
 use std::path::PathBuf;

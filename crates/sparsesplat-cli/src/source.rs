@@ -5,8 +5,8 @@ use crate::datasets::Dataset;
 use crate::failure::{Failure, Outcome};
 use crate::given::Given;
 use clap::Args;
-use evaluate::{Dropped, Plan, Reading, SIMULATED_SIZE, SimulatedScene, Windows};
 use scene_sim::Kind;
+use scene_windows::{Dropped, Plan, Reading, SIMULATED_SIZE, SimulatedScene, Windows};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -101,7 +101,7 @@ impl Source {
             }
         };
         let (plans, dropped) = found.map_err(|error| match error {
-            evaluate::Error::Data(view_data::Error::NoLayout { .. } | view_data::Error::Read { .. }) => {
+            scene_windows::Error::Data(view_data::Error::NoLayout { .. } | view_data::Error::Read { .. }) => {
                 let problem = Failure::sorted(error);
                 Failure::lines(format!("{problem}\n{}", dataset.explanation()))
             }

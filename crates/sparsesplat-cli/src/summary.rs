@@ -1,7 +1,8 @@
 //! What commands say on standard output, or on standard error where a result takes standard output.
 
 use crate::failure::{Failure, Outcome};
-use evaluate::{Figures, Method, WindowFigures, count};
+use evaluate::{Figures, Method, WindowFigures};
+use report_parts::count;
 use sparsesplat::{Allocation, Budget};
 use std::io::{self, ErrorKind, Write};
 use std::sync::OnceLock;

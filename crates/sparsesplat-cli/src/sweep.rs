@@ -12,15 +12,14 @@ use crate::source::{Planned, Source, files_of};
 use crate::summary::print_line;
 use anyhow::Context;
 use clap::Args;
-use evaluate::tradeoff::{
-    self, Extent, Header, Journal, Pictures, Point, Shard, Shards, Summary, Sweep, points,
-};
-use evaluate::{Method, Plan, Reading};
+use evaluate::Method;
+use scene_windows::{Plan, Reading};
 use serde::Serialize;
 use serde_json::Value;
 use sparsesplat::{Allocation, Budget, Wanted};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
+use tradeoff::{self, Extent, Header, Journal, Pictures, Point, Shard, Shards, Summary, Sweep, points};
 
 /// What is swept over what, and where it is kept.
 #[derive(Debug, Args)]
@@ -229,7 +228,7 @@ fn quoted(word: &str) -> String {
 fn hash_of<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Outcome<Vec<String>> {
     let of = |path: &PathBuf| {
         let cannot = || format!("{}: cannot read", path.display());
-        evaluate::file_sha256(path).with_context(cannot).or_input()
+        scene_windows::file_sha256(path).with_context(cannot).or_input()
     };
     files.into_iter().map(of).collect()
 }
@@ -295,7 +294,7 @@ struct Settings<'a> {
 struct WindowChoice<'a> {
     name: &'a str,
     #[serde(flatten)]
-    choice: Option<&'a evaluate::Choice>,
+    choice: Option<&'a scene_windows::Choice>,
 }
 
 impl<'a> WindowChoice<'a> {

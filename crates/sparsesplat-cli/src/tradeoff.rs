@@ -7,8 +7,8 @@ use crate::failure::Outcome;
 use crate::output::Outputs;
 use crate::sweep::Sweeping;
 use clap::Args;
-use evaluate::tradeoff::Extent;
 use std::path::PathBuf;
+use tradeoff::Extent;
 
 /// Measure what accuracy costs in time: one method, varied along one axis at a time
 ///

@@ -12,8 +12,11 @@ use crate::summary::{print_line, warn};
 use anyhow::Context;
 use attn_head::Weights;
 use clap::Args;
-use evaluate::{Picture, Plan, Reading, Recipe, Windows, peak_rss_bytes, training_plot};
+use evaluate::{Recipe, peak_rss_bytes};
 use gs_scene::{Image, lock_file};
+use report::training_plot;
+use report_parts::Picture;
+use scene_windows::{Plan, Reading, Windows};
 use serde::Serialize;
 use std::fs;
 use std::io::Write;
@@ -302,7 +305,7 @@ impl Data {
             return Err(Failure::input(format!("--weights {head} is of a head: begin with it by --from")));
         }
         let predict = sparsesplat::Config { backbone, ..sparsesplat::Config::default() };
-        let on_case = &mut |name: &str, why: Option<&evaluate::Error>| {
+        let on_case = &mut |name: &str, why: Option<&scene_windows::Error>| {
             if let Some(why) = why {
                 progress.warn(&format!("dropped {name}: {why}"));
             }

@@ -6,7 +6,7 @@ use crate::failure::{Failure, Outcome};
 use crate::output;
 use crate::summary::{print, print_line};
 use clap::Args;
-use evaluate::Table;
+use report_parts::Table;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -97,7 +97,7 @@ fn fetch(checkpoint: Checkpoint, folder: &Path) -> Outcome<PathBuf> {
         .get(checkpoint.file)
         .with_context(|| format!("{} cannot be fetched", checkpoint.address()))
         .or_work()?;
-    let sha256 = evaluate::file_sha256(&fetched).or_work()?;
+    let sha256 = scene_windows::file_sha256(&fetched).or_work()?;
     let stem = checkpoint.file.trim_end_matches(".pth");
     if !stem.ends_with(&sha256[..8]) {
         let start = &sha256[..8];

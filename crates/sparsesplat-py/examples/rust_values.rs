@@ -2,9 +2,10 @@
 //!
 //! `rust_values FOLDER`: arrays as raw little-endian float32 (poses float64), one file each, and `values.json`.
 
-use evaluate::{Method, SimulatedScene, reconstruct_window, simulated_window};
+use evaluate::{Method, reconstruct_window};
 use gs_raster::{PixelGradients, Rasterizer, RenderSettings, near_plane};
 use gs_scene::{Gaussians, SH_C0, View, logit, sigmoid, write_ply};
+use scene_windows::{SimulatedScene, simulated_window};
 use serde_json::json;
 use sparsesplat::{Budget, Config};
 use std::error::Error;

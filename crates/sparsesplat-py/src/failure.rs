@@ -40,6 +40,16 @@ impl Sorted for evaluate::Error {
     fn fault(&self) -> Fault {
         match self {
             Self::Render(error) => error.fault(),
+            Self::Window(error) => error.fault(),
+            Self::Predict(_) | Self::Scene(_) => Fault::Input,
+            _ => Fault::Work,
+        }
+    }
+}
+
+impl Sorted for scene_windows::Error {
+    fn fault(&self) -> Fault {
+        match self {
             Self::Data(_)
             | Self::Predict(_)
             | Self::Scene(_)

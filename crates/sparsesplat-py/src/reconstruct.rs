@@ -4,15 +4,13 @@ use crate::engine::{self, Progress, engine};
 use crate::failure::OrRaise;
 use crate::scene::Scene;
 use crate::view::View;
-use evaluate::{
-    Method, Outcome, Plan, Reading, SIMULATED_SIZE, SimulatedScene, Step, Window, reconstruct_window,
-    simulated_window,
-};
+use evaluate::{Method, Outcome, Step, reconstruct_window};
 use gs_raster::Rasterizer;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use refine::Stop;
+use scene_windows::{Plan, Reading, SIMULATED_SIZE, SimulatedScene, Window, simulated_window};
 use serde::Deserialize;
 use serde::de::value::{Error as Unknown, StrDeserializer};
 use sparsesplat::{Backbone, Budget, Config, DepthRange, Head, Stage};
@@ -168,7 +166,7 @@ impl Source {
         self,
         method: &mut Method,
         on_step: &mut dyn FnMut(Step),
-    ) -> evaluate::Result<(Window, Vec<(String, String)>)> {
+    ) -> scene_windows::Result<(Window, Vec<(String, String)>)> {
         match self {
             Self::Views(context) => {
                 let context_positions = (0..context.len()).collect();

@@ -2,14 +2,15 @@
 //! step less.
 
 use crate::{Error, Result};
-use evaluate::{GeometryCache, Kept, KeptFault, KeptTensor, Plan, Window, hexadecimal, singles, write_kept};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, DepthMap, Image, Intrinsics, View};
 use safetensors::tensor::Dtype;
+use scene_windows::{GeometryCache, Plan, Window, hexadecimal};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use sparsesplat::{ViewGeometry, Wanted, backbone_identity};
 use std::path::{Path, PathBuf};
+use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
 /// Changes when the layout of a file of views does.
 const VERSION: u32 = 3;
@@ -67,7 +68,7 @@ impl Cases {
         plans: &[Plan],
         predict: &sparsesplat::Config,
         cache: &Path,
-        on_case: &mut dyn FnMut(&str, Option<&evaluate::Error>),
+        on_case: &mut dyn FnMut(&str, Option<&scene_windows::Error>),
     ) -> Result<Self> {
         if plans.is_empty() {
             return Err(Error::NoWindows);
@@ -100,7 +101,7 @@ impl Cases {
             let views = Views::read(&file)?;
             if !geometry.path(&views.name, &views.context, &settings, Wanted::DepthAndFeatures)?.exists() {
                 match geometry.geometry(&views.name, &views.context, &settings, Wanted::DepthAndFeatures) {
-                    Err(error @ evaluate::Error::Predict(_)) => {
+                    Err(error @ scene_windows::Error::Predict(_)) => {
                         on_case(&views.name, Some(&error));
                         insufficient = Some(error);
                         continue;

@@ -3,10 +3,10 @@
 
 use crate::adam::Adam;
 use crate::{Config, Error, Result};
-use evaluate::{Kept, KeptFault, singles, write_kept};
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use tensor_files::{Kept, KeptFault, singles, write_kept};
 
 /// What does not fit a tensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,5 +1,5 @@
-use evaluate::KeptFault;
 use std::path::PathBuf;
+use tensor_files::KeptFault;
 
 /// Why a head was not trained.
 #[derive(Debug, thiserror::Error)]
@@ -66,7 +66,7 @@ pub enum Error {
     },
     /// Windows cannot be loaded.
     #[error(transparent)]
-    Evaluate(Box<evaluate::Error>),
+    Windows(Box<scene_windows::Error>),
     /// The pipeline before the head fails.
     #[error(transparent)]
     Predict(#[from] sparsesplat::Error),
@@ -95,8 +95,8 @@ pub enum Error {
 /// This crate's result.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-impl From<evaluate::Error> for Error {
-    fn from(error: evaluate::Error) -> Self {
-        Self::Evaluate(Box::new(error))
+impl From<scene_windows::Error> for Error {
+    fn from(error: scene_windows::Error) -> Self {
+        Self::Windows(Box::new(error))
     }
 }

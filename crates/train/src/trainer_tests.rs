@@ -1,6 +1,6 @@
 use super::*;
 use attn_head::{Kind, OUTPUTS, WIDTH};
-use evaluate::{Plan, SimulatedScene};
+use scene_windows::{Plan, SimulatedScene};
 use sparsesplat::Backbone;
 
 fn trainer(config: Config, cache: &Path) -> Trainer {
@@ -244,7 +244,7 @@ fn a_window_without_enough_for_the_backbone_is_named_and_left_out() {
     let [tiny, good] = [(8, 6), (96, 64)].map(|size| Plan::simulated(SimulatedScene::Courtyard, size));
     let open = |plans: &[Plan]| {
         let mut told = Vec::new();
-        let on_case = &mut |name: &str, why: Option<&evaluate::Error>| {
+        let on_case = &mut |name: &str, why: Option<&scene_windows::Error>| {
             told.push((name.to_owned(), why.map(ToString::to_string)));
         };
         (Cases::open(plans, &sparsesplat::Config::default(), folder.path(), on_case), told)
@@ -256,7 +256,7 @@ fn a_window_without_enough_for_the_backbone_is_named_and_left_out() {
     let [(first, Some(why)), (second, None)] = &told[..] else { panic!("{told:?}") };
     assert_eq!((&first[..], &second[..]), ("courtyard/0", "courtyard/0"));
     assert!(why.contains("depth range"), "{why}");
-    assert!(matches!(open(&[tiny]).0, Err(Error::Evaluate(_))));
+    assert!(matches!(open(&[tiny]).0, Err(Error::Windows(_))));
 }
 
 #[test]

@@ -11,7 +11,7 @@ use ChunkRule as Rule;
 pub(crate) use rule::is_name;
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
-use torch_file::{Dtype, Tensor, TorchFile, Value};
+use tensor_files::{Dtype, Tensor, TorchFile, Value};
 
 /// Opens every scene of `path`, see [`list_chunks`]; a scene that breaks a rule is listed as dropped. For a large data
 /// set, list the scenes and open them one by one.

@@ -398,11 +398,11 @@ fn place(frame: Option<&str>) -> String {
 /// This crate's result.
 pub type Result<T> = std::result::Result<T, Error>;
 
-impl From<torch_file::Error> for Error {
-    fn from(error: torch_file::Error) -> Self {
+impl From<tensor_files::TorchError> for Error {
+    fn from(error: tensor_files::TorchError) -> Self {
         match error {
-            torch_file::Error::Read { path, source } => Self::Read { path, source },
-            torch_file::Error::Torch { path, rule } => Self::Torch { path, rule },
+            tensor_files::TorchError::Read { path, source } => Self::Read { path, source },
+            tensor_files::TorchError::Torch { path, rule } => Self::Torch { path, rule },
         }
     }
 }

@@ -37,8 +37,6 @@ mod scene_depth;
 mod select;
 mod windows;
 
-mod check;
-
 mod write;
 
 pub use camera_row::CameraRule;
@@ -52,6 +50,7 @@ pub use index::{EvaluationIndex, IndexRule, Window, read_index, write_index};
 pub use jpeg::JpegRule;
 pub use nerfstudio::open_nerfstudio;
 pub use open::{Scenes, Unposed, open, open_all};
+pub use overlap::Overlaps;
 pub use points::{Observation, ScenePoint};
 pub use re10k::{Re10kRule, list_re10k, open_re10k};
 pub use replica::open_replica;
@@ -64,9 +63,4 @@ pub use tum::{open_tum, open_tum_within};
 pub use windows::windows_along;
 pub use write::{DatasetWriter, Layout, PictureFormat, WriteRule, Written};
 
-pub use check::{
-    CameraSummary, CheckReport, CheckSettings, CheckStage, CheckStep, DepthFileSummary, DepthSummary,
-    Finding, LayoutSummary, LensSummary, OverlapSummary, PictureSummary, PoseSummary, RangeSource,
-    RangeSummary, Reading, ReadingScore, Severity, SizeCount, Thumbnail, check_data, layout_html,
-};
-pub use torch_file::TorchRule;
+pub use tensor_files::TorchRule;

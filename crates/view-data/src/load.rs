@@ -100,9 +100,8 @@ pub(crate) fn load(frame: &Frame, size: Option<(usize, usize)>) -> Result<View> 
     // A strip that is to cover a target of another shape grows without bound.
     check_pixels(&format!("{} resized", frame.image), fit.resized.0, fit.resized.1)?;
     let image = fit.apply(image).map_err(invalid)?;
-    let depth = frame.depth.as_ref().map(|file| {
-        let grid = DepthGrid { file, frame: &frame.name, picture: (file_width, file_height) };
-        grid.sample(fit.intrinsics, |position| undistortion.source(fit.source(position)))
+    let depth = frame.measured_depth((file_width, file_height), fit.intrinsics, |position| {
+        undistortion.source(fit.source(position))
     });
     let camera = Camera::from_camera_to_world(fit.intrinsics, frame.axes, frame.position).map_err(invalid)?;
     View::new(frame.name.clone(), image, camera, depth.transpose()?).map_err(invalid)
@@ -158,17 +157,32 @@ impl Fit {
     }
 }
 
+impl Frame {
+    /// The measured depth, if there is a file of it, on the pixels of a view: the nearest measurement, 0 where there is none.
+    /// `picture` is the size of the picture in its file, and `to_picture` takes pixel positions of the view there.
+    #[must_use]
+    pub fn measured_depth(
+        &self,
+        picture: (usize, usize),
+        view: Intrinsics,
+        to_picture: impl Fn(DVec2) -> DVec2,
+    ) -> Option<Result<DepthMap>> {
+        let file = self.depth.as_ref()?;
+        Some(DepthGrid { file, frame: &self.name, picture }.sample(view, to_picture))
+    }
+}
+
 /// Measured depth on its way to a view.
-pub(crate) struct DepthGrid<'a> {
-    pub(crate) file: &'a DepthFile,
-    pub(crate) frame: &'a str,
+struct DepthGrid<'a> {
+    file: &'a DepthFile,
+    frame: &'a str,
     /// Size of the picture that it belongs to; the file may be finer or coarser.
-    pub(crate) picture: (usize, usize),
+    picture: (usize, usize),
 }
 
 impl DepthGrid<'_> {
     /// The depth map of a view, whose pixel positions `to_picture` takes to the undistorted picture's file.
-    pub(crate) fn sample(&self, view: Intrinsics, to_picture: impl Fn(DVec2) -> DVec2) -> Result<DepthMap> {
+    fn sample(&self, view: Intrinsics, to_picture: impl Fn(DVec2) -> DVec2) -> Result<DepthMap> {
         let Counts { width, height, values } = read_depth(&self.file.path, self.frame)?;
         // The size that pixel positions are for: of the depth's own pinhole, or of the picture.
         let stated = self.file.intrinsics.map_or(self.picture, |pinhole| (pinhole.width, pinhole.height));

@@ -21,7 +21,7 @@ const MIN_COS2: f32 = 0.8214;
 const DISTANCE_UNIT: f64 = 1000.0;
 
 /// What every view sees of every other one.
-pub(crate) struct Overlaps {
+pub struct Overlaps {
     count: usize,
     /// `[viewer, viewed]`: how many of the viewed one's [`POINTS`] points the viewer sees.
     seen: Vec<u8>,
@@ -30,8 +30,14 @@ pub(crate) struct Overlaps {
 }
 
 impl Overlaps {
-    /// Counts for all pairs, in parallel over the viewers. `depth` has been checked.
-    pub(crate) fn new(cameras: &[Camera], depth: SceneDepth) -> Self {
+    /// Points that stand for a view's content.
+    pub const POINTS: usize = POINTS;
+    /// Number of points that make half of a view's content.
+    pub const HALF: u8 = HALF;
+
+    /// Counts for all pairs, in parallel over the viewers. Depths that are not positive and increasing give counts without a meaning.
+    #[must_use]
+    pub fn new(cameras: &[Camera], depth: SceneDepth) -> Self {
         let contents: Vec<Content> = cameras.iter().map(|camera| Content::new(camera, depth)).collect();
         let contents = &contents;
         let rows = cameras.par_iter().flat_map_iter(|viewer| {
@@ -53,7 +59,8 @@ impl Overlaps {
     }
 
     /// For each view, how many of its points the view `viewer` sees.
-    pub(crate) fn seen_by(&self, viewer: usize) -> &[u8] {
+    #[must_use]
+    pub fn seen_by(&self, viewer: usize) -> &[u8] {
         &self.seen[viewer * self.count..(viewer + 1) * self.count]
     }
 

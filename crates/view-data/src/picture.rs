@@ -1,7 +1,7 @@
 //! Decoding: PNG and JPEG files to pictures.
 
 use crate::files;
-use crate::{Error, ImageSource, Result};
+use crate::{Error, Frame, ImageSource, Result};
 use gs_scene::Image;
 use image::{DynamicImage, ImageError, ImageReader};
 use std::io::{Cursor, Read, Seek, SeekFrom};
@@ -12,6 +12,32 @@ pub(crate) const MAX_PIXELS: usize = 1 << 27;
 
 /// Enough of a picture to know its size, bytes, unless metadata comes first. A decoder would read it to its end.
 const HEADER: u64 = 1 << 14;
+
+impl Frame {
+    /// Width and height of the picture in its file, pixels, from its header.
+    ///
+    /// # Errors
+    /// If the file is missing, or its header is no picture's.
+    pub fn picture_size(&self) -> Result<(usize, usize)> {
+        size(&self.image, &self.name)
+    }
+
+    /// The picture as its file has it, encoded.
+    ///
+    /// # Errors
+    /// If the file is missing or cannot be read.
+    pub fn picture_bytes(&self) -> Result<Vec<u8>> {
+        read_bytes(&self.image, &self.name, u64::MAX)
+    }
+
+    /// The picture as its file has it, decoded: in its own size, lens distortion included.
+    ///
+    /// # Errors
+    /// If the file is missing, truncated or damaged.
+    pub fn picture(&self) -> Result<Image> {
+        read_image(&self.image, &self.name)
+    }
+}
 
 /// The picture's width and height, from its header.
 pub(crate) fn size(image: &ImageSource, frame: &str) -> Result<(usize, usize)> {

@@ -24,7 +24,10 @@ impl From<DepthPercentiles> for SceneDepth {
 
 impl SceneDepth {
     /// Checks that `0 < near <= median <= far < infinity`.
-    pub(crate) fn check(self) -> Result<()> {
+    ///
+    /// # Errors
+    /// If it is not so.
+    pub fn check(self) -> Result<()> {
         let Self { near, median, far } = self;
         if near > 0.0 && near <= median && median <= far && far.is_finite() {
             return Ok(());

@@ -1,4 +1,4 @@
-use attn_head::{Config, Error, Kind, Layout, WeightFault, Weights};
+use attn_head::{Config, Error, Kind, Layout, SafetensorsFault, WeightFault, Weights};
 use proptest::prelude::*;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
@@ -109,7 +109,7 @@ fn other_files_are_refused() {
     assert!(matches!(described(Some(huge)), Err(Error::Setting { setting: "neighbours", .. })));
     for text in ["", "{}", &huge.replace("mlp", "MLP"), &huge.replace("image", "images")] {
         let error = described(Some(text)).unwrap_err();
-        assert!(matches!(error, Error::Description { part: "configuration", .. }), "{text}: {error}");
+        assert!(matches!(error, Error::Description(_)), "{text}: {error}");
     }
     let whole = described(Some(&huge.replace("1000000000000000000", "1"))).unwrap_err();
     let Error::Weights { problems } = whole else { panic!("another error") };
@@ -133,7 +133,8 @@ fn data_that_no_file_could_hold_are_refused() {
         .collect();
     let header = format!("{{{}}}", tensors.join(","));
     let bytes = [&(header.len() as u64).to_le_bytes(), header.as_bytes()].concat();
-    assert!(matches!(Weights::from_bytes(&bytes), Err(Error::Truncated { found: 0, .. })));
+    let truncated = Weights::from_bytes(&bytes);
+    assert!(matches!(truncated, Err(Error::NotSafetensors(SafetensorsFault::Truncated { found: 0, .. }))));
     let bytes = [&u64::MAX.to_le_bytes(), header.as_bytes()].concat();
     assert!(matches!(Weights::from_bytes(&bytes), Err(Error::NotSafetensors(_))));
 }

@@ -1,6 +1,6 @@
 //! Checkpoints: PyTorch's zip archives of pickles, of which nothing is executed, and safetensors.
 
-use super::params::{Params, Source, WeightFault, WeightProblem};
+use super::params::{Params, Source};
 use super::variant::Variant;
 use crate::{Error, Result};
 use candle_core::pickle::PthTensors;
@@ -11,6 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::io::Read;
 use std::path::Path;
+use tensor_files::{WeightFault, WeightProblem};
 
 /// What a dictionary of tensors may lie under in a pickle, besides lying there by itself.
 const KEYS: [Option<&str>; 3] = [None, Some("state_dict"), Some("model")];

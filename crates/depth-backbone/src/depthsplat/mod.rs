@@ -32,8 +32,8 @@ mod vit;
 
 use gaussian_head::PixelGaussian;
 pub use gaussian_head::PixelGaussians;
-pub use params::{WeightFault, WeightProblem};
 pub use taps::StageTime;
+pub use tensor_files::{WeightFault, WeightProblem};
 pub use variant::{Scales, Variant, Vit};
 
 use crate::backbone::check_pixels;

@@ -6,6 +6,7 @@ use candle_core::{DType, Device, Result, Tensor};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
+use tensor_files::{WeightFault, WeightProblem};
 
 /// Where tensors come from.
 pub(super) trait Source {
@@ -23,48 +24,6 @@ enum Origin {
     Recipe {
         salt: String,
     },
-}
-
-/// What is wrong with a tensor of a checkpoint.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum WeightFault {
-    /// The network needs it, and it is not there.
-    Missing,
-    /// It is there, and the network has no use for it.
-    Unexpected,
-    /// It has another shape.
-    Shape {
-        /// What the network needs.
-        expected: Vec<usize>,
-        /// What the file holds.
-        found: Vec<usize>,
-    },
-    /// It holds a NaN or an infinity.
-    NotFinite,
-}
-
-/// A tensor of a checkpoint that does not fit.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct WeightProblem {
-    /// Its name, as in the GS checkpoints but for `encoder.`.
-    pub name: String,
-    /// What is wrong.
-    pub fault: WeightFault,
-}
-
-impl std::fmt::Display for WeightProblem {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { name, fault } = self;
-        match fault {
-            WeightFault::Missing => write!(f, "{name} is missing"),
-            WeightFault::Unexpected => write!(f, "{name} is unexpected"),
-            WeightFault::Shape { expected, found } => {
-                write!(f, "{name} has shape {found:?}, expected {expected:?}")
-            }
-            WeightFault::NotFinite => write!(f, "{name} holds a value that is not finite"),
-        }
-    }
 }
 
 /// What was asked for.

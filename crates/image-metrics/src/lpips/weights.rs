@@ -3,58 +3,10 @@
 use super::architecture::{ConvolutionPlan, LayerPlan, LpipsNetwork, StepPlan};
 use super::convolution::Convolution;
 use super::network::Network;
-use super::source::{Source, Stored};
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-
-/// What is wrong with a tensor of a file of weights.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum WeightFault {
-    /// The metric needs it, and no file has it.
-    Missing,
-    /// The metric has no use for it.
-    Unexpected,
-    /// Two tensors of the files are one and the same.
-    Twice,
-    /// It has another shape.
-    Shape {
-        /// What the metric needs.
-        expected: Vec<usize>,
-        /// What the file holds.
-        found: Vec<usize>,
-    },
-    /// It holds a NaN or an infinity.
-    NotFinite,
-    /// A shift or scale of the input that is not the published metric's.
-    Constant,
-}
-
-/// A tensor of a file of weights that does not fit.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct WeightProblem {
-    /// Its name: `features.0.weight`, `lin0.weight`; as in the file where it is unexpected.
-    pub name: String,
-    /// What is wrong.
-    pub fault: WeightFault,
-}
-
-impl std::fmt::Display for WeightProblem {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { name, fault } = self;
-        match fault {
-            WeightFault::Missing => write!(f, "{name} is missing"),
-            WeightFault::Unexpected => write!(f, "{name} is unexpected"),
-            WeightFault::Twice => write!(f, "{name} is there twice"),
-            WeightFault::Shape { expected, found } => {
-                write!(f, "{name} has shape {found:?}, expected {expected:?}")
-            }
-            WeightFault::NotFinite => write!(f, "{name} holds a value that is not finite"),
-            WeightFault::Constant => write!(f, "{name} differs from the published metric's"),
-        }
-    }
-}
+use tensor_files::{StoredTensor, TensorFile, TensorFileError, WeightFault, WeightProblem};
 
 /// Of the metric's colours in -1..1, before the network.
 pub(super) const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
@@ -114,15 +66,15 @@ fn taps(plan: &[StepPlan]) -> Vec<usize> {
 }
 
 struct Files {
-    sources: Vec<Source>,
+    sources: Vec<TensorFile>,
     /// By the metric's names: position of the source, and what it holds.
-    tensors: BTreeMap<String, (usize, Stored)>,
+    tensors: BTreeMap<String, (usize, StoredTensor)>,
     problems: Vec<WeightProblem>,
 }
 
 impl Files {
     fn open(&mut self, path: &Path) -> Result<()> {
-        let (source, tensors) = Source::open(path)?;
+        let (source, tensors) = TensorFile::open(path).map_err(|source| unusable(path, source))?;
         for stored in tensors {
             let Some(name) = known_name(&stored.name) else { continue };
             let entry = (self.sources.len(), stored);
@@ -162,7 +114,8 @@ impl Files {
                 WeightFault::Shape { expected: expected.to_vec(), found: stored.shape.clone() }
             }
             Some((source, stored)) => {
-                let values = self.sources[*source].values(stored)?;
+                let file = &mut self.sources[*source];
+                let values = file.values(stored).map_err(|source| unusable(file.path(), source))?;
                 if values.iter().all(|value| value.is_finite()) {
                     return Ok(values);
                 }
@@ -171,6 +124,21 @@ impl Files {
         };
         self.problems.push(WeightProblem { name: name.to_owned(), fault });
         Ok(vec![0.0; expected.iter().product()])
+    }
+}
+
+/// With the whole chain of reasons: the error is compared and copied, which its sources are not.
+fn unusable(path: &Path, source: TensorFileError) -> Error {
+    let path = path.to_owned();
+    match source {
+        TensorFileError::NoTensors => Error::WeightsNone { path },
+        TensorFileError::Type { name } => Error::WeightsType { path, name },
+        source => {
+            let causes =
+                std::iter::successors(Some(&source as &dyn std::error::Error), |cause| cause.source());
+            let reason = causes.map(ToString::to_string).collect::<Vec<_>>().join(": ");
+            Error::WeightsUnreadable { path, reason }
+        }
     }
 }
 

@@ -1,5 +1,5 @@
 use crate::sets::set;
-use knn::{brute_force, brute_force_query, knn, query};
+use knn::{Tree, brute_force, brute_force_query, knn, query};
 
 #[test]
 fn bad_coordinates_are_named_by_their_index() {
@@ -14,6 +14,9 @@ fn bad_coordinates_are_named_by_their_index() {
     let asked = brute_force_query(&bad[..1], &bad[1..], 1).unwrap_err().to_string();
     assert_eq!(asked, "query 0 is (1, NaN, 0), expected finite coordinates: drop or mend it first");
     assert!(knn(&bad, 0).is_err(), "bad input is an error whatever k is");
+    assert_eq!(Tree::new(&bad).map(|_| ()).unwrap_err().to_string(), text);
+    let asked = Tree::new(&bad[..1]).unwrap().query(&bad[2..], 1).unwrap_err().to_string();
+    assert_eq!(asked, "query 0 is (inf, 0, 0), expected finite coordinates: drop or mend it first");
 }
 
 #[test]

@@ -1,5 +1,5 @@
 use crate::sets::{SHAPES, set};
-use knn::{Neighbors, brute_force, brute_force_query, knn, query};
+use knn::{Neighbors, Tree, brute_force, brute_force_query, knn, query};
 use proptest::prelude::*;
 
 /// Bits, so that a wrong sign of zero would show too.
@@ -38,6 +38,21 @@ proptest! {
         let (fast, slow) = (query(&points, &queries, k).unwrap(), brute_force_query(&points, &queries, k).unwrap());
         prop_assert_eq!((fast.rows, fast.k), (n_queries, k.min(n)));
         prop_assert_eq!(bits(&fast), bits(&slow));
+    }
+
+    #[test]
+    fn a_tree_answers_every_search_as_a_fresh_one(
+        shape in prop::sample::select(&SHAPES[..]), n in size(300), n_queries in size(70), ks in prop::array::uniform3(how_many()), seed: u64,
+    ) {
+        let (points, queries) = (set(shape, n, seed), set(shape, n_queries, seed ^ 1));
+        let tree = Tree::new(&points).unwrap();
+        prop_assert_eq!((tree.len(), tree.is_empty()), (n, n == 0));
+        for k in ks {
+            let (again, fresh) = (tree.query(&queries, k).unwrap(), query(&points, &queries, k).unwrap());
+            prop_assert_eq!(bits(&again), bits(&fresh));
+            let (again, fresh) = (tree.knn(k), knn(&points, k).unwrap());
+            prop_assert_eq!(bits(&again), bits(&fresh));
+        }
     }
 }
 

@@ -12,9 +12,10 @@ use crate::summary::{print, print_line};
 use candle_core::{Device, Tensor};
 use clap::Args;
 use depth_backbone::{DepthSplat, Scales, StageTime, Variant, Vit};
-use evaluate::{Recipe, Table};
+use evaluate::Recipe;
 use glam::DVec3;
 use gs_scene::{Camera, Image, Intrinsics, View};
+use report_parts::Table;
 use serde::Serialize;
 use std::path::PathBuf;
 

@@ -6,8 +6,9 @@ use crate::arguments::Common;
 use crate::failure::Outcome;
 use crate::output;
 use crate::progress::Progress;
-use evaluate::{Recipe, Table, count};
+use evaluate::Recipe;
 use rayon::ThreadPool;
+use report_parts::{Table, count};
 use serde::Serialize;
 
 /// What other implementations are compared with.

@@ -9,8 +9,8 @@ use crate::progress::Progress;
 use crate::summary::print;
 use clap::Args;
 use entropy_sampler::{Border, Budget, EntropyWindow, ImportanceMap, Sampler, entropy, sample, solve};
-use evaluate::count;
 use rayon::prelude::*;
+use report_parts::count;
 use serde::Serialize;
 use std::hint::black_box;
 

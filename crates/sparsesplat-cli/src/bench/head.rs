@@ -11,7 +11,7 @@ use attn_head::plain::{Network, TensorInputs};
 use attn_head::{Config, Inputs, Kind, LAYERS, OUTPUTS, WIDTH, Weights, fused};
 use candle_core::{DType, Device, Tensor};
 use clap::Args;
-use evaluate::{Table, count};
+use report_parts::{Table, count};
 use serde::Serialize;
 use sparsesplat::learned::{geometry_features, image_features};
 

@@ -11,7 +11,7 @@ use crate::failure::{OrFail, Outcome};
 use crate::progress::Progress;
 use crate::summary::{print, print_line};
 use clap::{Args, ValueEnum};
-use evaluate::{Table, count};
+use report_parts::{Table, count};
 use serde::Serialize;
 
 /// Nearest neighbours of whole point sets: time and memory against their size, beside kiddo

@@ -13,12 +13,14 @@ use crate::progress::{Progress, describe};
 use crate::summary::{print, print_line};
 use crate::{output, threads};
 use clap::Args;
-use evaluate::{Recipe, SimulatedScene, count, simulated_window};
+use evaluate::Recipe;
 use gs_raster::{Rasterizer, Style};
 use gs_scene::{Camera, Gaussians};
 use job::{Case, Job, Runner};
 use rayon::ThreadPool;
+use report_parts::count;
 use rows::{MODEL, Row, row, table};
+use scene_windows::{SimulatedScene, simulated_window};
 use scenes::Count;
 use serde::Serialize;
 

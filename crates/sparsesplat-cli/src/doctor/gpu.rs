@@ -3,9 +3,9 @@
 use crate::arguments::Device;
 use crate::device::with_causes;
 use crate::driver;
-use evaluate::count;
 use gs_raster::gpu::{self, AdapterChoice, AdapterDescription, GpuOptions};
 use gs_raster::{Error, Rasterizer};
+use report_parts::count;
 use serde::Serialize;
 
 /// What was found.

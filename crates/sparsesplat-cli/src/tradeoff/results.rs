@@ -6,12 +6,10 @@ use crate::failure::{OrFail, Outcome};
 use crate::output::{self, named};
 use crate::summary::{print, print_line};
 use crate::sweep::Swept;
-use evaluate::tradeoff::{
-    Summary, csv, points_table, statements, to_markdown, tradeoff_page, tradeoff_plots,
-};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
+use tradeoff::{Summary, csv, points_table, statements, to_markdown, tradeoff_page, tradeoff_plots};
 
 /// What `--json` writes.
 #[derive(Serialize)]

@@ -69,7 +69,7 @@ fn one_view_only() {
 fn images_of_different_sizes() {
     let odd_one_out = |tiny: &Tiny| {
         let image = gs_scene::Image::filled(60, 40, [0.5; 3]).unwrap();
-        evaluate::Picture::of_image(&image).save(&tiny.path("images/view-02.png")).unwrap();
+        report_parts::Picture::of_image(&image).save(&tiny.path("images/view-02.png")).unwrap();
     };
     check(odd_one_out, &["--views", "11"], &["different sizes", "view-02", "60x40", "120x80", "--size"]);
 }

@@ -1,8 +1,9 @@
 //! A tiny simulated data set in nerfstudio's layout, and calls of the binary.
 
-use evaluate::{Picture, SimulatedScene, Window, simulated_window};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, View};
+use report_parts::Picture;
+use scene_windows::{SimulatedScene, Window, simulated_window};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! `folder` makes data sets to read; `nerfstudio` reads their JSON, `colmap` models, `sequences` folders of one camera,
 //! `load` their pictures and depth, `open` recognises layouts, `stream` gives views one by one, `lens` checks the
-//! distortion model, `check` what a check of a set finds, `index` the evaluation index, `select` the choice of views.
+//! distortion model, `index` the evaluation index, `select` the choice of views.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests unwrap as tests do")]
 
@@ -8,7 +8,6 @@ mod folder;
 mod samples;
 mod torch_file;
 
-mod check;
 mod chunk;
 mod colmap;
 mod dl3dv;

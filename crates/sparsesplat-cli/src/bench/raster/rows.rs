@@ -3,9 +3,9 @@
 use super::job::{Job, Runner};
 use crate::bench::measure::{Measured, Spread};
 use crate::bench::row::{self, Label};
-use evaluate::{Table, count};
 use gs_raster::{RenderStats, TILE};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
+use report_parts::{Table, count};
 use serde::Serialize;
 
 /// How [`Details::bytes`] and [`Details::pixel_pairs`] are counted, in words.

@@ -1,9 +1,10 @@
 //! Scenes as the pipeline makes them: the demo's photographs, reconstructed with several budgets.
 
 use crate::failure::{Failure, OrFail, Outcome};
-use evaluate::{Method, Step, Window, reconstruct_window};
+use evaluate::{Method, Step, reconstruct_window};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, sh_coefficients};
+use scene_windows::Window;
 use serde::{Serialize, Serializer};
 use sparsesplat::{Allocation, Budget, Config, Head};
 

@@ -1,0 +1,431 @@
+//! The points of a sweep: a base method, varied along one axis at a time.
+
+use evaluate::Method;
+use refine::Stop;
+use serde::{Deserialize, Serialize};
+use sparsesplat::{Allocation, Backbone, Budget, Config, Head, Sampler};
+
+/// What is varied.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Axis {
+    /// How many Gaussians, by the base allocation; and one per pixel.
+    Budget,
+    /// Which pixels become Gaussians, at several budgets.
+    Allocation,
+    /// Neighbours K of each anchor.
+    Neighbours,
+    /// What turns anchors into Gaussians.
+    Head,
+    /// How pixels are drawn.
+    Sampler,
+    /// Steps on the photographs after the pass.
+    Refinement,
+    /// Size of the photographs that the pass is given; targets keep theirs.
+    Resolution,
+    /// Planes of the stereo.
+    DepthPlanes,
+    /// Where depth comes from: measured depth, which a real camera does not bring along.
+    Backbone,
+    /// Where the renderer stops looking.
+    Renderer,
+}
+
+impl Axis {
+    /// Whether its points are rivals in what the pass costs: not if they see more than photographs, or differ in rendering alone.
+    #[must_use]
+    pub fn competes(self) -> bool {
+        !matches!(self, Self::Backbone | Self::Renderer)
+    }
+
+    /// As tables call it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Budget => "budget",
+            Self::Allocation => "allocation",
+            Self::Neighbours => "neighbours",
+            Self::Head => "head",
+            Self::Sampler => "sampler",
+            Self::Refinement => "refinement",
+            Self::Resolution => "resolution",
+            Self::DepthPlanes => "depth planes",
+            Self::Backbone => "backbone",
+            Self::Renderer => "renderer",
+        }
+    }
+}
+
+/// Cut-offs of the renderer.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Cuts {
+    /// Below this opacity in a pixel a Gaussian is not drawn there.
+    pub alpha_min: f32,
+    /// A pixel is done when its transmittance would fall below this.
+    pub transmittance_min: f32,
+}
+
+impl Default for Cuts {
+    fn default() -> Self {
+        let gs_raster::RenderSettings { alpha_min, transmittance_min, .. } =
+            gs_raster::RenderSettings::default();
+        Self { alpha_min, transmittance_min }
+    }
+}
+
+/// What tables and plots know of a point.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Label {
+    /// Tells it from the others, fit for a file name: `entropy-40k`.
+    pub point: String,
+    /// What is varied.
+    pub axis: Axis,
+    /// Which pixels become Gaussians, as `--allocation` calls it.
+    pub allocation: String,
+    /// The count that is asked for; none where there is one per pixel.
+    pub count: Option<usize>,
+    /// Whether the seed changes anything: without, one seed is measured.
+    pub draws: bool,
+    /// Whether it is what the other axes start from.
+    pub base: bool,
+}
+
+impl Label {
+    /// Whether it is a point of quality over the number of Gaussians: by an allocation, with the base's head or in closed form.
+    #[must_use]
+    pub fn is_of_counts(&self) -> bool {
+        matches!(self.axis, Axis::Budget | Axis::Allocation | Axis::Head)
+    }
+
+    /// The curve over the count that the point belongs to.
+    #[must_use]
+    pub fn curve(&self) -> Option<String> {
+        self.count.filter(|_| self.is_of_counts()).map(|_| match self.axis {
+            Axis::Head => format!("{}, closed form", self.allocation),
+            _ => self.allocation.clone(),
+        })
+    }
+
+    /// Those of a sweep's seeds that the point is measured with.
+    #[must_use]
+    pub fn seeds<'a>(&self, all: &'a [u64]) -> &'a [u64] {
+        if self.draws { all } else { &all[..all.len().min(1)] }
+    }
+}
+
+/// One point of a sweep.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Point {
+    /// What tables call it.
+    #[serde(flatten)]
+    pub label: Label,
+    /// Photographs to Gaussians; the seed is set by the sweep.
+    pub method: Method,
+    /// How its pictures are rendered.
+    pub cuts: Cuts,
+    /// Photographs are given to the pass this many times smaller in width and height.
+    pub shrink: usize,
+}
+
+/// How long a sweep may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Extent {
+    /// Some minutes: fewer points.
+    Quick,
+    /// All points.
+    Full,
+    /// What the paper's tables are made of: its counts, by every allocation.
+    Paper,
+}
+
+impl Extent {
+    fn budgets(self) -> &'static [usize] {
+        match self {
+            Self::Quick => &[2_000, 10_000, 40_000, 150_000],
+            Self::Full => &[1_000, 2_000, 5_000, 10_000, 20_000, 40_000, 100_000, 150_000],
+            Self::Paper => &PAPER_COUNTS,
+        }
+    }
+
+    /// Counts of an allocation that is compared with the base's, beside the base's own. Merging makes one Gaussian per pixel first, at
+    /// every count.
+    fn rival_budgets(self, allocation: Allocation) -> &'static [usize] {
+        match (self, allocation) {
+            (Self::Quick, Allocation::Merged) => &[],
+            (Self::Full, Allocation::Merged) => &PAPER_COUNTS,
+            (Self::Quick, _) => &[2_000, 10_000],
+            _ => self.budgets(),
+        }
+    }
+
+    fn neighbours(self) -> &'static [usize] {
+        match self {
+            Self::Quick => &[5, 20],
+            Self::Full => &[0, 5, 10, 20, 30],
+            Self::Paper => &[],
+        }
+    }
+
+    fn refinement(self) -> &'static [usize] {
+        match self {
+            Self::Quick => &[10],
+            Self::Full => &[15, 60],
+            Self::Paper => &[],
+        }
+    }
+
+    fn planes(self) -> &'static [usize] {
+        match self {
+            Self::Quick => &[32],
+            Self::Full => &[16, 32, 64, 256],
+            Self::Paper => &[],
+        }
+    }
+
+    fn cuts(self) -> &'static [(&'static str, Cuts)] {
+        const USUAL: Cuts = Cuts { alpha_min: 1.0 / 255.0, transmittance_min: 1e-4 };
+        const ALL: [(&str, Cuts); 4] = [
+            ("alpha 4 of 255", Cuts { alpha_min: 4.0 / 255.0, ..USUAL }),
+            ("transmittance 0.01", Cuts { transmittance_min: 0.01, ..USUAL }),
+            ("alpha 16 of 255", Cuts { alpha_min: 16.0 / 255.0, ..USUAL }),
+            ("transmittance 0.1", Cuts { transmittance_min: 0.1, ..USUAL }),
+        ];
+        match self {
+            Self::Quick => &ALL[..2],
+            Self::Full => &ALL,
+            Self::Paper => &[],
+        }
+    }
+}
+
+/// The counts of the paper's tables.
+pub(super) const PAPER_COUNTS: [usize; 4] = [10_000, 40_000, 100_000, 150_000];
+
+/// The points of a sweep from `base`, which has a count as its budget. `allocations` are compared with each other at several
+/// budgets; one that is pixel-aligned has none and is one point. `learned` says whether the base's head is, `measured_depth` whether
+/// the views have depth.
+#[must_use]
+pub fn points(
+    base: &Method,
+    allocations: &[Allocation],
+    extent: Extent,
+    learned: bool,
+    measured_depth: bool,
+) -> Vec<Point> {
+    let mut all = Points { base, all: Vec::new() };
+    let config = &base.predict;
+    let base_budget = if let Budget::Gaussians(n) = config.budget { n } else { 0 };
+    let with_base = |budgets: &[usize]| {
+        let mut budgets = budgets.to_vec();
+        if base_budget > 0 && !budgets.contains(&base_budget) {
+            budgets.push(base_budget);
+            budgets.sort_unstable();
+        }
+        budgets
+    };
+    let budgets = with_base(extent.budgets());
+    let ours = config.allocation;
+    for &n in &budgets {
+        all.count(Axis::Budget, &name_of(ours), ours, n, |_| {});
+    }
+    all.add(Axis::Budget, &name_of(Allocation::PixelAligned), |point| {
+        point.method.predict.allocation = Allocation::PixelAligned;
+    });
+    let is_rival = |of: &&Allocation| **of != ours && **of != Allocation::PixelAligned;
+    for &allocation in allocations.iter().filter(is_rival) {
+        for n in with_base(extent.rival_budgets(allocation)) {
+            all.count(Axis::Allocation, &name_of(allocation), allocation, n, |_| {});
+        }
+    }
+    if extent == Extent::Paper {
+        return all.all;
+    }
+    for &k in extent.neighbours().iter().filter(|&&k| k != config.neighbours) {
+        all.vary(Axis::Neighbours, &format!("K={k}"), |config| config.neighbours = k);
+    }
+    if learned {
+        let closed_form = |config: &mut Config| config.head = Head::ClosedForm;
+        for &n in &budgets {
+            all.count(Axis::Head, "closed-form", ours, n, closed_form);
+        }
+        all.vary(Axis::Head, &format!("closed-form-{}", name_of(Allocation::PixelAligned)), |config| {
+            config.allocation = Allocation::PixelAligned;
+            closed_form(config);
+        });
+    }
+    if matches!(config.backbone, Backbone::DepthSplat(_)) {
+        all.vary(Axis::Head, &format!("depthsplat-{}", name_of(Allocation::PixelAligned)), |config| {
+            (config.allocation, config.head) = (Allocation::PixelAligned, Head::DepthSplat);
+        });
+    }
+    let (sampler, name) = match config.sampler {
+        Sampler::Fixed => (Sampler::Bernoulli, "bernoulli"),
+        Sampler::Bernoulli => (Sampler::Fixed, "fixed"),
+    };
+    all.vary(Axis::Sampler, name, |config| config.sampler = sampler);
+    if base.refine.is_none() {
+        for &steps in extent.refinement() {
+            all.add(Axis::Refinement, &format!("refine-{steps}"), |point| {
+                let stop = Stop::Steps(steps);
+                point.method.refine = Some(refine::Config { stop, ..refine::Config::default() });
+            });
+        }
+    }
+    all.add(Axis::Resolution, "half-size", |point| point.shrink = 2);
+    if let Backbone::PlaneSweep { planes: usual } = config.backbone {
+        for &planes in extent.planes().iter().filter(|&&planes| planes != usual) {
+            let backbone = Backbone::PlaneSweep { planes };
+            all.vary(Axis::DepthPlanes, &format!("planes={planes}"), |config| config.backbone = backbone);
+        }
+    }
+    // Learned heads work with the features of their backbone, and measured depth has none.
+    if measured_depth && !learned && config.backbone != Backbone::GivenDepth {
+        all.vary(Axis::Backbone, "given-depth", |config| config.backbone = Backbone::GivenDepth);
+    }
+    for &(name, cuts) in extent.cuts() {
+        all.add(Axis::Renderer, &name.replace(' ', "-"), |point| point.cuts = cuts);
+    }
+    all.all
+}
+
+/// Points as they are collected.
+struct Points<'a> {
+    base: &'a Method,
+    all: Vec<Point>,
+}
+
+impl Points<'_> {
+    fn add(&mut self, axis: Axis, name: &str, change: impl FnOnce(&mut Point)) {
+        let label = Label {
+            point: name.to_owned(),
+            axis,
+            allocation: String::new(),
+            count: None,
+            draws: true,
+            base: false,
+        };
+        let mut point = Point { label, method: self.base.clone(), cuts: Cuts::default(), shrink: 1 };
+        change(&mut point);
+        let Method { predict, refine, .. } = &point.method;
+        point.label.allocation = name_of(predict.allocation);
+        point.label.count = match predict.budget {
+            Budget::Gaussians(n) if predict.allocation != Allocation::PixelAligned => Some(n),
+            _ => None,
+        };
+        point.label.draws = !predict.allocation.takes_all() || refine.is_some();
+        point.label.base = axis == Axis::Budget && *predict == self.base.predict;
+        self.all.push(point);
+    }
+
+    fn vary(&mut self, axis: Axis, name: &str, change: impl FnOnce(&mut Config)) {
+        self.add(axis, name, |point| change(&mut point.method.predict));
+    }
+
+    /// A point of the curve `family`: `n` Gaussians by an allocation, and what else is different.
+    fn count(
+        &mut self,
+        axis: Axis,
+        family: &str,
+        allocation: Allocation,
+        n: usize,
+        change: impl FnOnce(&mut Config),
+    ) {
+        self.vary(axis, &format!("{family}-{}", short(n)), |config| {
+            config.allocation = allocation;
+            config.budget = Budget::Gaussians(n);
+            change(config);
+        });
+    }
+}
+
+/// An allocation as `--allocation` calls it.
+fn name_of(allocation: Allocation) -> String {
+    let name = serde_json::to_value(allocation).ok();
+    name.as_ref().and_then(serde_json::Value::as_str).unwrap_or("other").to_owned()
+}
+
+/// `40000` as `40k`.
+fn short(count: usize) -> String {
+    if count.is_multiple_of(1000) { format!("{}k", count / 1000) } else { count.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn swept(base: &Method, extent: Extent) -> Vec<Point> {
+        let allocations = [
+            Allocation::Entropy,
+            Allocation::Laplacian,
+            Allocation::Random,
+            Allocation::PixelAligned,
+            Allocation::Merged,
+        ];
+        points(base, &allocations, extent, false, true)
+    }
+
+    #[test]
+    fn points_have_names_of_their_own_and_one_is_the_base() {
+        for extent in [Extent::Quick, Extent::Full, Extent::Paper] {
+            let all = swept(&Method::feed_forward(Config::default()), extent);
+            let mut names: Vec<&str> = all.iter().map(|point| point.label.point.as_str()).collect();
+            let plain = |c: char| c.is_ascii_alphanumeric() || "-=.".contains(c);
+            assert!(names.iter().all(|name| name.chars().all(plain)), "{names:?}");
+            assert_eq!(all.iter().filter(|point| point.label.base).count(), 1);
+            names.sort_unstable();
+            assert!(names.windows(2).all(|pair| pair[0] != pair[1]), "{names:?}");
+        }
+    }
+
+    #[test]
+    fn every_point_but_those_of_other_budgets_differs_from_the_base_in_one_setting() {
+        let base = Method::feed_forward(Config::default());
+        for point in swept(&base, Extent::Full) {
+            if matches!(point.label.axis, Axis::Budget | Axis::Allocation) {
+                continue;
+            }
+            let json = |method: &Method| serde_json::to_value(method).unwrap();
+            let (a, b) = (json(&base), json(&point.method));
+            let changed = a.as_object().unwrap().iter().filter(|(key, value)| b[key.as_str()] != **value);
+            let changed =
+                changed.count() + usize::from(point.cuts != Cuts::default()) + usize::from(point.shrink != 1);
+            assert_eq!(changed, 1, "{}", point.label.point);
+        }
+    }
+
+    #[test]
+    fn a_budget_of_ones_own_joins_the_others_and_what_is_there_is_not_added_twice() {
+        let config = Config { budget: Budget::Gaussians(1_500), neighbours: 5, ..Config::default() };
+        let refine = Some(refine::Config::default());
+        let base = Method { refine, ..Method::feed_forward(config) };
+        let all = swept(&base, Extent::Quick);
+        let named = |name: &str| all.iter().find(|point| point.label.point == name);
+        assert!(named("entropy-1500").unwrap().label.base && named("random-1500").is_some());
+        assert!(named("K=5").is_none() && named("K=20").is_some() && named("refine-10").is_none());
+        let learned = points(&base, &[], Extent::Quick, true, false);
+        assert!(learned.iter().any(|point| point.method.predict.head == Head::ClosedForm));
+        assert!(learned.iter().all(|point| point.label.axis != Axis::Backbone));
+        // DepthSplat's own Gaussians are one more point where they can be had.
+        let of_network = |point: &&Point| point.method.predict.head == Head::DepthSplat;
+        assert!(!all.iter().any(|point| of_network(&point)));
+        let backbone = Backbone::DepthSplat("weights".into());
+        let base = Method::feed_forward(Config { backbone, ..Config::default() });
+        let own: Vec<Point> = swept(&base, Extent::Quick).into_iter().filter(|p| of_network(&p)).collect();
+        assert!(own.len() == 1 && own[0].label.point == "depthsplat-pixel-aligned");
+    }
+
+    #[test]
+    fn what_no_seed_changes_is_measured_with_one() {
+        for point in swept(&Method::feed_forward(Config::default()), Extent::Full) {
+            let takes_all = ["pixel-aligned", "merged"].contains(&point.label.allocation.as_str());
+            assert_eq!(point.label.seeds(&[4, 5]).len(), if takes_all { 1 } else { 2 }, "{:?}", point.label);
+            assert_eq!(point.label.count.is_none(), point.label.allocation == "pixel-aligned");
+        }
+    }
+
+    #[test]
+    fn the_usual_cut_offs_are_the_renderers() {
+        assert_eq!(Cuts::default(), Cuts { alpha_min: 1.0 / 255.0, transmittance_min: 1e-4 });
+    }
+}
