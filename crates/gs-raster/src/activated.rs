@@ -335,9 +335,9 @@ impl Gradients {
         let (n, used) = (stored.len(), sh_coefficients(kind.degree()) * 3);
         assert_eq!(stored.sh_degree(), kind.degree(), "the SH degree of what was stored");
         assert_eq!((self.geometry.len(), self.sh.len()), (n * ROW, n * used), "gradients of what was stored");
-        let zeros = crate::gradients::zeros;
-        let (mut means, mut quats, mut scales, mut opacities) =
-            (zeros(n * 3), zeros(n * 4), zeros(n * 3), zeros(n));
+        // Every number is written once, and none is read before.
+        let (mut means, mut quats) = (vec![0.0; n * 3], vec![0.0; n * 4]);
+        let (mut scales, mut opacities) = (vec![0.0; n * 3], vec![0.0; n]);
         let isa = Isa::in_use();
         means
             .par_chunks_mut(CHUNK * 3)
@@ -366,7 +366,7 @@ impl Gradients {
             }
             Colors::Sh { per_gaussian, .. } if per_gaussian * 3 == used => self.sh,
             Colors::Sh { per_gaussian, .. } => {
-                let mut all = zeros(n * per_gaussian * 3);
+                let mut all = vec![0.0; n * per_gaussian * 3];
                 let rows = all.par_chunks_mut(per_gaussian * 3).zip(self.sh.par_chunks(used));
                 rows.for_each(|(all, found)| all[..used].copy_from_slice(found));
                 all

@@ -71,7 +71,7 @@ impl Gradients {
 
 /// Zeros in memory that is there. Fresh memory is one page of zeros shown many times: to read a number and write it back
 /// would have the system make room for each page twice, and stop all threads every time.
-pub(crate) fn zeros(n: usize) -> Vec<f32> {
+fn zeros(n: usize) -> Vec<f32> {
     let mut zeros = vec![0.0; n];
     zeros.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
     zeros

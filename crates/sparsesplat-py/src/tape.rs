@@ -10,6 +10,7 @@ use gs_scene::Gaussians;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use rayon::prelude::*;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -94,7 +95,7 @@ impl Recorded {
                 }
             }
             let image = match (mode.colors, channels) {
-                (true, 3) => colors.to_vec(),
+                (true, 3) => copy(colors),
                 (true, _) => colors.chunks_exact(channels).flat_map(|pixel| &pixel[..3]).copied().collect(),
                 (false, _) => vec![0.0; pixels * 3],
             };
@@ -143,6 +144,15 @@ impl Drop for Recorded {
     }
 }
 
+/// A copy that all threads write.
+fn copy(numbers: &[f32]) -> Vec<f32> {
+    const CHUNK: usize = 1 << 14;
+    let mut copy = vec![0.0; numbers.len()];
+    let chunks = copy.par_chunks_mut(CHUNK).zip(numbers.par_chunks(CHUNK));
+    chunks.for_each(|(copy, numbers)| copy.copy_from_slice(numbers));
+    copy
+}
+
 /// Adds gradients of further views.
 fn add(sum: &mut Gradients, found: Gradients) {
     for (sum, found) in [(&mut sum.geometry, found.geometry), (&mut sum.sh, found.sh)] {
@@ -180,7 +190,10 @@ impl Tape {
         let v_alphas = v_alphas.map(|array| read::<f32>("v_alphas", array, &shape(1))).transpose()?;
         let alphas = v_alphas.as_ref().map(|array| array.as_slice()).transpose()?;
         let colors = v_colors.as_slice()?;
-        let found = engine::run_borrowing(py, |_| recorded.backward(&recorded.pixels(colors, alphas)))?;
+        let found = engine::run_borrowing(py, |_| {
+            let pixels = recorded.engine.install(|| recorded.pixels(colors, alphas));
+            recorded.backward(&pixels)
+        })?;
         recorded.gradients(py, found.or_raise()?)
     }
 }
