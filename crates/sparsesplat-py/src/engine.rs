@@ -166,7 +166,7 @@ pub(crate) fn run<T: Send + 'static>(
     work: impl FnOnce(&Caller) -> T + Send + 'static,
 ) -> PyResult<T> {
     let (job, ear) = prepare(work);
-    named().spawn(job).map_err(no_thread)?;
+    named().spawn(job).map_err(|error| no_thread(&error))?;
     ear.listen(py, progress)
 }
 
@@ -177,7 +177,7 @@ pub(crate) fn run<T: Send + 'static>(
 pub(crate) fn run_borrowing<T: Send>(py: Python<'_>, work: impl FnOnce(&Caller) -> T + Send) -> PyResult<T> {
     thread::scope(|scope| {
         let (job, ear) = prepare(work);
-        let thread = named().spawn_scoped(scope, job).map_err(no_thread)?;
+        let thread = named().spawn_scoped(scope, job).map_err(|error| no_thread(&error))?;
         let result = ear.listen(py, None);
         // Panics are told in the message.
         py.detach(|| drop(thread.join()));
@@ -189,7 +189,7 @@ fn named() -> thread::Builder {
     thread::Builder::new().name("sparsesplat".to_owned())
 }
 
-fn no_thread(error: std::io::Error) -> PyErr {
+fn no_thread(error: &std::io::Error) -> PyErr {
     PyRuntimeError::new_err(format!("no thread to work on: {error}"))
 }
 
