@@ -218,7 +218,7 @@ fn no_gaussians_are_no_fault() {
 /// In one view.
 fn render(arrays: &Activated<'_>) -> Result<Vec<Rendering>> {
     let lens = gs_scene::Intrinsics { fx: 20.0, fy: 20.0, cx: 8.0, cy: 8.0, width: 16, height: 16 };
-    let camera = gs_scene::Camera::new(lens, glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap();
+    let camera = gs_scene::Camera::new(lens, glam::DMat3::IDENTITY, glam::DVec3::ZERO).expect("valid");
     Rasterizer::cpu().render_activated(arrays, &[camera], &RenderSettings::default())
 }
 
