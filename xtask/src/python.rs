@@ -68,7 +68,9 @@ fn test(root: &Path, install_torch: bool, pytest: &[&OsString]) -> Result<(), St
     )?;
     let wheel = only_file(&wheels)?;
 
-    let has_torch = Command::new(&interpreter).args(["-c", "import torch"]).output();
+    // What a virtual environment has, an environment that is made by its interpreter does not see.
+    let look = "import sys, torch; sys.exit(sys.prefix != sys.base_prefix)";
+    let has_torch = Command::new(&interpreter).args(["-c", look]).output();
     let has_torch = has_torch.is_ok_and(|output| output.status.success());
     let home = folder.join(if install_torch { "torch" } else { "fresh" });
     if !(install_torch && program(&home, "python").exists()) {

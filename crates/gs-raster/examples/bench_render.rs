@@ -1,9 +1,12 @@
 //! Times the renderer on the CPU on a synthetic scene of textured walls, nearly all of it visible:
 //! `cargo run --release -p gs-raster --example bench_render`. Arguments: width, height, repetitions, counts of Gaussians;
 //! default 448 256 15 10000 40000 100000 150000 688000.
+//!
+//! The last two columns are the time from activated arrays beside that from stored Gaussians, in turns, the median of the ratios:
+//! a picture; and a recorded picture with its gradients.
 
 use glam::{DMat3, DVec3};
-use gs_raster::{PixelGradients, Rasterizer, RenderSettings};
+use gs_raster::{Activated, Colors, PixelGradients, Rasterizer, RenderSettings};
 use gs_scene::{Camera, Gaussians, Intrinsics};
 use std::time::Instant;
 
@@ -38,6 +41,52 @@ fn times(mut seconds: Vec<f64>) -> [f64; 2] {
     [seconds[0], seconds[seconds.len() / 2]].map(|seconds| seconds * 1e3)
 }
 
+/// Seconds of a call.
+fn seconds(call: impl FnOnce()) -> f64 {
+    let start = Instant::now();
+    call();
+    start.elapsed().as_secs_f64()
+}
+
+/// Time from activated arrays beside that from stored Gaussians: of a picture, and of a recorded picture with its gradients.
+fn ratios(scene: &Gaussians, camera: &Camera, pixels: &PixelGradients, repetitions: usize) -> [f64; 2] {
+    let columns = |from: usize, to: usize| -> Vec<f32> {
+        scene.geometry().chunks_exact(11).flat_map(|row| row[from..to].to_vec()).collect()
+    };
+    let (means, quats) = (columns(0, 3), columns(3, 7));
+    let scales: Vec<f32> = columns(7, 10).into_iter().map(f32::exp).collect();
+    let opacities: Vec<f32> = columns(10, 11).into_iter().map(gs_scene::sigmoid).collect();
+    let kind = Colors::Sh { degree: 2, per_gaussian: 9 };
+    let arrays = Activated {
+        means: &means,
+        quats: &quats,
+        scales: &scales,
+        opacities: &opacities,
+        colors: scene.sh(),
+        kind,
+    };
+    let (mut rasterizer, settings) = (Rasterizer::cpu(), RenderSettings::default());
+    let mut room = arrays.store().expect("valid");
+    let mut found = [Vec::new(), Vec::new()];
+    for _ in 0..repetitions {
+        let stored = seconds(|| drop(rasterizer.render(scene, camera, &settings).expect("valid")));
+        let activated =
+            seconds(|| drop(rasterizer.render_activated(&arrays, &[*camera], &settings).expect("valid")));
+        found[0].push(activated / stored);
+        let mut train = |scene: &Gaussians| {
+            let (_, tape) = rasterizer.record(scene, &[*camera], &settings).expect("valid");
+            rasterizer.backward(scene, &tape, std::slice::from_ref(pixels)).expect("valid")
+        };
+        let stored = seconds(|| drop(train(scene)));
+        let activated = seconds(|| {
+            arrays.store_into(&mut room).expect("valid");
+            drop(train(&room).activated(&room, kind));
+        });
+        found[1].push(activated / stored);
+    }
+    found.map(|ratios| times(ratios)[1] * 1e-3)
+}
+
 fn main() {
     let mut arguments = std::env::args().skip(1).map(|word| word.parse::<usize>().expect("a number"));
     let mut next = |default| arguments.next().unwrap_or(default);
@@ -51,7 +100,7 @@ fn main() {
         rayon::current_num_threads()
     );
     println!(
-        "{:>8} {:>8} {:>8} {:>7} {:>7} {:>8} {:>7} {:>7} {:>9} {:>8} {:>8} {:>8}",
+        "{:>8} {:>8} {:>8} {:>7} {:>7} {:>8} {:>7} {:>7} {:>9} {:>8} {:>8} {:>8} {:>7} {:>8}",
         "n",
         "visible",
         "pairs",
@@ -63,7 +112,9 @@ fn main() {
         "recorded",
         "median",
         "backward",
-        "median"
+        "median",
+        "arrays",
+        "gradient"
     );
     let mut counts: Vec<usize> = arguments.collect();
     if counts.is_empty() {
@@ -99,11 +150,12 @@ fn main() {
         let [backward, backward_median] = times(backward);
         runs.sort_by(|a, b| a.0.total_cmp(&b.0));
         let stats = runs[0].1;
+        let [arrays, training] = ratios(&scene, &camera, &pixels, repetitions);
         let s = stats.seconds;
         let [project, bin, blend] = [s.project, s.bin, s.blend].map(|t| t * 1e3);
         println!(
             "{n:>8} {:>8} {:>8} {forward:>7.2} {forward_median:>7.2} {project:>8.2} {bin:>7.2} {blend:>7.2} \
-             {recorded:>9.2} {recorded_median:>8.2} {backward:>8.2} {backward_median:>8.2}",
+             {recorded:>9.2} {recorded_median:>8.2} {backward:>8.2} {backward_median:>8.2} {arrays:>7.3} {training:>8.3}",
             stats.visible, stats.intersections
         );
     }

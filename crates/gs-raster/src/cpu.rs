@@ -6,7 +6,7 @@ mod blend;
 mod blend_backward;
 mod ellipsoids;
 mod footprint;
-mod math;
+pub(crate) mod math;
 mod order;
 mod project;
 mod project_backward;
@@ -16,13 +16,38 @@ mod span;
 
 use crate::settings::{INTERSECTIONS_MAX, INTERSECTIONS_MAX_RECORDED};
 use crate::{
-    Error, Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result,
-    StageSeconds, Style, TILE,
+    Activated, Error, Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering,
+    Result, StageSeconds, Style, TILE,
 };
 use cpu_kernels::Isa;
 use gs_scene::{Camera, Gaussians, Image};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
+
+/// Where Gaussians are read.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Source<'a> {
+    /// As they are stored.
+    Stored(&'a Gaussians),
+    /// Activated, and stored block by block as they are read.
+    Activated(&'a Activated<'a>),
+}
+
+impl Source<'_> {
+    fn len(self) -> usize {
+        match self {
+            Self::Stored(gaussians) => gaussians.len(),
+            Self::Activated(gaussians) => gaussians.len(),
+        }
+    }
+
+    fn sh_degree(self) -> usize {
+        match self {
+            Self::Stored(gaussians) => gaussians.sh_degree(),
+            Self::Activated(gaussians) => gaussians.kind.degree(),
+        }
+    }
+}
 
 /// An image cut into tiles, row-major; the last column and row may reach over the edge.
 #[derive(Debug, Clone, Copy)]
@@ -89,7 +114,7 @@ impl Drop for Tape {
 
 /// Renders a view.
 pub(crate) fn render(
-    gaussians: &Gaussians,
+    source: Source<'_>,
     camera: &Camera,
     settings: &RenderSettings,
     scratch: &Scratch,
@@ -99,27 +124,32 @@ pub(crate) fn render(
         Style::Blended => {
             let mut tape =
                 Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
-            Ok(draw(gaussians, camera, settings, &mut tape.frame, false, Isa::in_use())?.0)
+            Ok(draw(source, camera, settings, &mut tape.frame, false, Isa::in_use())?.0)
         }
-        Style::Ellipsoids => ellipsoids::render(gaussians, camera, settings, Isa::in_use()),
+        Style::Ellipsoids => match source {
+            Source::Stored(gaussians) => ellipsoids::render(gaussians, camera, settings, Isa::in_use()),
+            Source::Activated(gaussians) => {
+                ellipsoids::render(&gaussians.store()?, camera, settings, Isa::in_use())
+            }
+        },
     }
 }
 
 /// [`render`], and what [`backward`] needs of it.
 pub(crate) fn record(
-    gaussians: &Gaussians,
+    source: Source<'_>,
     camera: &Camera,
     settings: &RenderSettings,
     scratch: &Scratch,
 ) -> Result<(Rendering, Tape)> {
     let mut tape = Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
-    let (rendering, traces) = draw(gaussians, camera, settings, &mut tape.frame, true, Isa::in_use())?;
+    let (rendering, traces) = draw(source, camera, settings, &mut tape.frame, true, Isa::in_use())?;
     tape.traces = traces;
     Ok((rendering, tape))
 }
 
 fn draw(
-    gaussians: &Gaussians,
+    source: Source<'_>,
     camera: &Camera,
     settings: &RenderSettings,
     frame: &mut Frame,
@@ -131,7 +161,7 @@ fn draw(
     let mut seconds = StageSeconds::default();
 
     let start = Instant::now();
-    frame.splats.project(gaussians, camera, settings, grid, isa);
+    frame.splats.project(source, camera, settings, grid, isa)?;
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
@@ -224,8 +254,10 @@ mod tests {
         let settings = RenderSettings { depth, ..RenderSettings::default() };
         let scratch = Scratch::default();
         let mut tape = Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
-        let (rendering, traces) = draw(&scene, &camera, &settings, &mut tape.frame, true, isa).unwrap();
-        let unrecorded = draw(&scene, &camera, &settings, &mut scratch.take(), false, isa).unwrap().0;
+        let (rendering, traces) =
+            draw(Source::Stored(&scene), &camera, &settings, &mut tape.frame, true, isa).unwrap();
+        let unrecorded =
+            draw(Source::Stored(&scene), &camera, &settings, &mut scratch.take(), false, isa).unwrap().0;
         assert_eq!(rendering.image.data(), unrecorded.image.data(), "{isa}");
         assert_eq!(rendering.alpha, unrecorded.alpha, "{isa}");
         assert!(rendering.stats.visible > 200, "{}", rendering.stats.visible);

@@ -39,6 +39,64 @@ pub enum Error {
         /// Their SH degree.
         found_degree: usize,
     },
+    /// An array of activated Gaussians does not have the length that their number asks for.
+    #[error("{what}: {found} numbers for {gaussians} Gaussians, expected {expected}")]
+    ArrayLength {
+        /// Field of [`Activated`](crate::Activated).
+        what: &'static str,
+        /// How many Gaussians there are, by the opacities.
+        gaussians: usize,
+        /// Numbers expected.
+        expected: usize,
+        /// Numbers found.
+        found: usize,
+    },
+    /// There are fewer SH coefficients than the degree needs.
+    #[error("colors: {found} SH coefficients per Gaussian, degree {degree} needs {expected}")]
+    Coefficients {
+        /// SH degree.
+        degree: usize,
+        /// Coefficients per Gaussian that it needs.
+        expected: usize,
+        /// Coefficients per Gaussian given.
+        found: usize,
+    },
+    /// A number of an activated Gaussian is NaN or infinite.
+    #[error("{what}: Gaussian {gaussian} holds {found}, expected finite numbers")]
+    NotFinite {
+        /// Field of [`Activated`](crate::Activated).
+        what: &'static str,
+        /// Which Gaussian.
+        gaussian: usize,
+        /// The number.
+        found: f32,
+    },
+    /// A standard deviation of 0 or below.
+    #[error(
+        "scales: Gaussian {gaussian} has {found}, expected numbers above 0: scales are standard deviations, not their logarithms"
+    )]
+    Scale {
+        /// Which Gaussian.
+        gaussian: usize,
+        /// The number.
+        found: f32,
+    },
+    /// An opacity outside 0 to 1.
+    #[error(
+        "opacities: Gaussian {gaussian} has {found}, expected 0 to 1: opacities are no logits, apply the sigmoid first"
+    )]
+    Opacity {
+        /// Which Gaussian.
+        gaussian: usize,
+        /// The number.
+        found: f32,
+    },
+    /// A quaternion without a direction.
+    #[error("quats: Gaussian {gaussian} has a quaternion of norm 0, which is no rotation")]
+    Quaternion {
+        /// Which Gaussian.
+        gaussian: usize,
+    },
     /// There are not as many sets of pixel gradients as views.
     #[error("{found} sets of pixel gradients for {expected} views")]
     Views {

@@ -3,6 +3,7 @@
 mod error;
 mod settings;
 
+mod activated;
 mod gradients;
 mod near;
 mod rasterizer;
@@ -12,6 +13,7 @@ mod cpu;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 
+pub use activated::{Activated, ActivatedGradients, Colors};
 pub use error::{Error, Result};
 pub use gradients::{Gradients, PixelGradients, PoseGradient};
 pub use near::near_plane;

@@ -2,7 +2,8 @@
 
 #[cfg(feature = "gpu")]
 use crate::gpu::{self, AdapterChoice, Gpu, GpuOptions};
-use crate::{Error, Gradients, PixelGradients, RenderSettings, Rendering, Result, Style, cpu};
+use crate::{Activated, Error, Gradients, PixelGradients, RenderSettings, Rendering, Result, Style, cpu};
+use cpu::Source;
 use cpu_kernels::Isa;
 use gs_scene::{Camera, Gaussians};
 
@@ -135,10 +136,38 @@ impl Rasterizer {
         settings.check()?;
         match &mut self.backend {
             Backend::Cpu(scratch) => {
-                cameras.iter().map(|camera| cpu::render(gaussians, camera, settings, scratch)).collect()
+                let source = Source::Stored(gaussians);
+                cameras.iter().map(|camera| cpu::render(source, camera, settings, scratch)).collect()
             }
             #[cfg(feature = "gpu")]
             Backend::Gpu(gpu) => gpu.render(gaussians, cameras, settings),
+        }
+    }
+
+    /// As [`Rasterizer::render_views`], of activated Gaussians, with the same bytes as a result. The CPU reads the arrays in place; a
+    /// GPU gets them as they are stored.
+    ///
+    /// # Errors
+    /// As [`Rasterizer::render`] and [`Activated::store`]: where a stored Gaussian would be counted as rejected because a number is not
+    /// finite, this is an error.
+    pub fn render_activated(
+        &mut self,
+        gaussians: &Activated<'_>,
+        cameras: &[Camera],
+        settings: &RenderSettings,
+    ) -> Result<Vec<Rendering>> {
+        settings.check()?;
+        match &mut self.backend {
+            Backend::Cpu(scratch) => {
+                gaussians.check_lengths()?;
+                if cameras.is_empty() {
+                    gaussians.check_numbers()?;
+                }
+                let source = Source::Activated(gaussians);
+                cameras.iter().map(|camera| cpu::render(source, camera, settings, scratch)).collect()
+            }
+            #[cfg(feature = "gpu")]
+            Backend::Gpu(gpu) => gpu.render(&gaussians.store()?, cameras, settings),
         }
     }
 
@@ -160,7 +189,8 @@ impl Rasterizer {
             Backend::Cpu(scratch) => {
                 let (mut renderings, mut views) = (Vec::new(), Vec::new());
                 for camera in cameras {
-                    let (rendering, view) = cpu::record(gaussians, camera, settings, scratch)?;
+                    let (rendering, view) =
+                        cpu::record(Source::Stored(gaussians), camera, settings, scratch)?;
                     renderings.push(rendering);
                     views.push(view);
                 }

@@ -1,7 +1,12 @@
 """What a call from Python takes beside the same work in Rust.
 
-Every call measures itself: `meta["seconds"]` and the gradients' `seconds` are the wall time of the Rust API alone, within the same
-call. The overhead is everything else: arrays to stored Gaussians, the chain rule, pictures to arrays, the thread, Python.
+Every call measures itself: `meta["seconds"]` and the gradients' `seconds` are the wall time of the Rust API alone. The overhead is
+everything else: activated arrays, the chain rule, pictures to arrays, the thread, Python.
+
+`Scene.render` and `record` + `backward` are compared with the Rust API within the same call: it is given stored Gaussians there, as in the
+Rust bench. `rasterize` gives the Rust API activated arrays, so it is compared with the Rust API of `Scene.render` in the same turn.
+CPU is the processor time of a call beside that of `Scene.render`, all threads and Python together; it varies less than wall time on a
+busy machine.
 
     python overhead.py [--counts 40000,150000] [--runs 41] [--torch]
 """
@@ -22,9 +27,9 @@ options = parser.parse_args()
 
 
 def timed(call):
-    begin = time.perf_counter()
+    begin, cpu = time.perf_counter(), time.process_time()
     inside = call()
-    return time.perf_counter() - begin, inside
+    return time.perf_counter() - begin, inside, time.process_time() - cpu
 
 
 def cases(scene, arrays, camera):
@@ -58,8 +63,8 @@ def cases(scene, arrays, camera):
                 tensor.grad = None
             colors, _, _ = sst.rasterize(**tensors, **views, sh_degree=2, device="cpu")
             colors.backward(weights)
-            # What the backward pass took in Rust autograd keeps to itself: compared with the medians of `record + backward`.
-            return None
+            # Autograd does not hand over the gradients' `seconds`: compared with `record + backward` of the same turn.
+            return np.nan
 
         yield "torch, forward + backward", operation
 
@@ -74,14 +79,18 @@ for count in map(int, options.counts.split(",")):
             took = timed(call)
             if run >= 3:
                 found[name].append(took)
-    reference = np.median([inside for _, inside in found["record + backward"]])
+    found = {name: np.array(times, float) for name, times in found.items()}
+    stored = found["Scene.render"]
     for name, times in found.items():
-        total = np.median([time for time, _ in times])
-        line = f"{count:>7} {name:<26} {1e3 * total:7.2f} ms"
-        if times[0][1] is None:
-            line += f", {total / reference:.3f} times Rust's record + backward"
-        else:
-            inside = np.median([inside for _, inside in times])
-            over = np.median([time / inside for time, inside in times]) - 1
-            line += f", in Rust {1e3 * inside:7.2f} ms, overhead {100 * over:5.1f} %"
-        print(line, flush=True)
+        total, inside, cpu = times.T
+        if name == "rasterize":
+            inside = stored[:, 1]
+        elif np.isnan(inside).all():
+            inside = found["record + backward"][:, 1]
+        over = np.percentile(total / inside, [25, 50, 75]) - 1
+        print(
+            f"{count:>7} {name:<26} {1e3 * np.median(total):7.2f} ms, in Rust {1e3 * np.median(inside):7.2f} ms, "
+            f"overhead {100 * over[1]:5.1f} % (quartiles {100 * over[0]:.1f}, {100 * over[2]:.1f}), "
+            f"CPU {np.median(cpu / stored[:, 2]):.3f} times Scene.render's",
+            flush=True,
+        )

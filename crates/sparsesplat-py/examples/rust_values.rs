@@ -3,8 +3,8 @@
 //! `rust_values FOLDER`: arrays as raw little-endian float32 (poses float64), one file each, and `values.json`.
 
 use evaluate::{Method, reconstruct_window};
-use gs_raster::{PixelGradients, Rasterizer, RenderSettings, near_plane};
-use gs_scene::{Gaussians, SH_C0, View, logit, sigmoid, write_ply};
+use gs_raster::{Activated, Colors, PixelGradients, Rasterizer, RenderSettings, near_plane};
+use gs_scene::{Gaussians, SH_C0, View, sigmoid, write_ply};
 use scene_windows::{SimulatedScene, simulated_window};
 use serde_json::json;
 use sparsesplat::{Budget, Config};
@@ -30,24 +30,27 @@ fn main() -> Result<(), Box<dyn Error>> {
     // The same scene with every coefficient of degree 2 in use, as arrays of activated numbers, and stored again.
     let lifted = lift(&predicted)?;
     let row = Gaussians::GEOMETRY;
-    let (mut scales, mut opacities, mut geometry) = (Vec::new(), Vec::new(), lifted.geometry().to_vec());
-    for row in geometry.chunks_exact_mut(row) {
-        for log in &mut row[7..10] {
-            scales.push(log.exp());
-            *log = log.exp().ln();
-        }
-        opacities.push(sigmoid(row[10]));
-        row[10] = logit(sigmoid(row[10]));
-    }
-    let columns = |from: usize, to: usize| -> Vec<f32> {
+    let columns = |geometry: &[f32], from: usize, to: usize| -> Vec<f32> {
         geometry.chunks_exact(row).flat_map(|row| row[from..to].to_vec()).collect()
     };
-    write(folder, "means", &columns(0, 3))?;
-    write(folder, "quats", &columns(3, 7))?;
+    let (means, quats) = (columns(lifted.geometry(), 0, 3), columns(lifted.geometry(), 3, 7));
+    let scales: Vec<f32> = columns(lifted.geometry(), 7, 10).into_iter().map(f32::exp).collect();
+    let opacities: Vec<f32> = columns(lifted.geometry(), 10, 11).into_iter().map(sigmoid).collect();
+    write(folder, "means", &means)?;
+    write(folder, "quats", &quats)?;
     write(folder, "scales", &scales)?;
     write(folder, "opacities", &opacities)?;
     write(folder, "sh", lifted.sh())?;
-    let stored = Gaussians::new(2, geometry.clone(), lifted.sh().to_vec())?;
+    let kind = Colors::Sh { degree: 2, per_gaussian: 9 };
+    let arrays = Activated {
+        means: &means,
+        quats: &quats,
+        scales: &scales,
+        opacities: &opacities,
+        colors: lifted.sh(),
+        kind,
+    };
+    let stored = arrays.store()?;
 
     // Pictures and gradients.
     let cameras: Vec<_> = window.targets[..2].iter().map(|view| *view.camera()).collect();
@@ -72,23 +75,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     write(folder, "image", &join(&|view| view.image.data().to_vec()))?;
     write(folder, "alpha", &join(&|view| view.alpha.clone()))?;
     write(folder, "depth", &join(&|view| view.depth.clone().unwrap_or_default()))?;
-    let by = |from: usize, to: usize| -> Vec<f32> {
-        found.geometry.chunks_exact(row).flat_map(|row| row[from..to].to_vec()).collect()
-    };
-    write(folder, "by_means", &by(0, 3))?;
-    write(folder, "by_quats", &by(3, 7))?;
-    let logs = columns(7, 10);
-    let by_scales: Vec<f32> = by(7, 10).iter().zip(&logs).map(|(by_log, log)| by_log / log.exp()).collect();
-    write(folder, "by_scales", &by_scales)?;
-    let logits = columns(10, 11);
-    let by_opacity = |(by_logit, logit): (f32, f32)| {
-        let odds = logit.exp();
-        by_logit * (2.0 + odds + 1.0 / odds)
-    };
-    let by_opacities: Vec<f32> = by(10, 11).into_iter().zip(logits).map(by_opacity).collect();
-    write(folder, "by_opacities", &by_opacities)?;
-    write(folder, "by_sh", &found.sh)?;
-    let background: Vec<f32> = found.background.iter().map(|&number| number as f32).collect();
+    let poses = found.poses.clone();
+    let by_background = found.background;
+    let by = found.activated(&stored, kind);
+    write(folder, "by_means", &by.means)?;
+    write(folder, "by_quats", &by.quats)?;
+    write(folder, "by_scales", &by.scales)?;
+    write(folder, "by_opacities", &by.opacities)?;
+    write(folder, "by_sh", &by.colors)?;
+    let background: Vec<f32> = by_background.iter().map(|&number| number as f32).collect();
     write(folder, "by_background", &background)?;
 
     // A picture of the stored scene as the commands draw it, and of colours instead of SH.
@@ -101,8 +96,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         predicted.sh().chunks_exact(predicted.sh().len() / predicted.len()).flat_map(|sh| &sh[..3]);
     let rgb: Vec<f32> = constant.map(|dc| 0.5 + SH_C0 * dc).collect();
     write(folder, "rgb", &rgb)?;
-    let dc = rgb.iter().map(|rgb| (rgb - 0.5) / SH_C0).collect();
-    let coloured = Gaussians::new(0, geometry.clone(), dc)?;
+    let coloured = Activated { colors: &rgb, kind: Colors::Rgb, ..arrays }.store()?;
     write(
         folder,
         "rgb_image",
@@ -110,15 +104,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     )?;
 
     // Metrics.
-    let means: Vec<[f32; 3]> = columns(0, 3).as_chunks().0.to_vec();
-    let neighbours = knn::knn(&means, 8)?;
+    let points: Vec<[f32; 3]> = means.as_chunks().0.to_vec();
+    let neighbours = knn::knn(&points, 8)?;
     write(folder, "sq_distances", &neighbours.sq_distances)?;
     let (a, b) = (window.context[0].image(), window.context[1].image());
     let bits =
         entropy_sampler::entropy(&a.luma8(), SIZE.0, SIZE.1, entropy_sampler::EntropyWindow::default())?;
     write(folder, "entropy", &bits)?;
-    let poses: Vec<Vec<f64>> = found
-        .poses
+    let poses: Vec<Vec<f64>> = poses
         .iter()
         .map(|pose| {
             (0..3)

@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
@@ -127,15 +127,15 @@ pub(crate) struct Progress {
 }
 
 /// The way from work to its caller.
-pub(crate) struct Caller {
+pub(crate) struct Caller<'a> {
     gone: Arc<AtomicBool>,
-    progress: Box<dyn Fn(Progress) + Send + Sync>,
+    progress: &'a (dyn Fn(Progress) + Send + Sync),
 }
 
 /// What unwinds work whose caller is gone.
 struct Gone;
 
-impl Caller {
+impl Caller<'_> {
     /// Tells how far work is. If the caller is gone, it ends here.
     pub(crate) fn tell(&self, progress: Progress) {
         self.end_if_gone();
@@ -165,44 +165,81 @@ pub(crate) fn run<T: Send + 'static>(
     progress: Option<&Bound<'_, PyAny>>,
     work: impl FnOnce(&Caller) -> T + Send + 'static,
 ) -> PyResult<T> {
+    let (job, ear) = prepare(work);
+    named().spawn(job).map_err(|error| no_thread(&error))?;
+    ear.listen(py, progress)
+}
+
+/// As [`run`], for work that borrows what the caller has: on Ctrl-C the exception is returned when the work has ended.
+///
+/// # Errors
+/// As [`run`].
+pub(crate) fn run_borrowing<T: Send>(py: Python<'_>, work: impl FnOnce(&Caller) -> T + Send) -> PyResult<T> {
+    thread::scope(|scope| {
+        let (job, ear) = prepare(work);
+        let thread = named().spawn_scoped(scope, job).map_err(|error| no_thread(&error))?;
+        let result = ear.listen(py, None);
+        // Panics are told in the message.
+        py.detach(|| drop(thread.join()));
+        result
+    })
+}
+
+fn named() -> thread::Builder {
+    thread::Builder::new().name("sparsesplat".to_owned())
+}
+
+fn no_thread(error: &std::io::Error) -> PyErr {
+    PyRuntimeError::new_err(format!("no thread to work on: {error}"))
+}
+
+/// What waits for work.
+struct Ear<T> {
+    receiver: Mutex<Receiver<Message<T>>>,
+    gone: Arc<AtomicBool>,
+}
+
+/// The job of a thread, and what hears of it.
+fn prepare<T: Send>(work: impl FnOnce(&Caller) -> T + Send) -> (impl FnOnce() + Send, Ear<T>) {
     let (sender, receiver) = mpsc::channel();
     let gone = Arc::new(AtomicBool::new(false));
-    let telling = sender.clone();
-    let caller = Caller {
-        gone: Arc::clone(&gone),
-        // A caller that is gone does not listen.
-        progress: Box::new(move |progress| drop(telling.send(Message::Progress(progress)))),
-    };
+    let ear = Ear { receiver: Mutex::new(receiver), gone: Arc::clone(&gone) };
     let job = move || {
+        let telling = sender.clone();
+        // A caller that is gone does not listen.
+        let caller =
+            Caller { gone, progress: &move |progress| drop(telling.send(Message::Progress(progress))) };
         let outcome = catch_unwind(AssertUnwindSafe(|| work(&caller)));
         drop(sender.send(Message::Done(outcome)));
     };
-    thread::Builder::new()
-        .name("sparsesplat".to_owned())
-        .spawn(job)
-        .map_err(|error| PyRuntimeError::new_err(format!("no thread to work on: {error}")))?;
-    let leave = |error| {
-        gone.store(true, Ordering::Relaxed);
-        Err(error)
-    };
-    let receiver = Mutex::new(receiver);
-    loop {
-        if let Err(error) = py.check_signals() {
-            return leave(error);
-        }
-        match py.detach(|| lock(&receiver).recv_timeout(SIGNALS)) {
-            Ok(Message::Done(Ok(result))) => return Ok(result),
-            // A broken invariant of ours: pyo3 makes a PanicException of it.
-            Ok(Message::Done(Err(panic))) => resume_unwind(panic),
-            Ok(Message::Progress(Progress { stage, share })) => {
-                let Some(progress) = progress else { continue };
-                if let Err(error) = progress.call1((stage, share)) {
-                    return leave(error);
-                }
+    (job, ear)
+}
+
+impl<T: Send> Ear<T> {
+    /// Waits for the end of the work, detached from the interpreter.
+    fn listen(self, py: Python<'_>, progress: Option<&Bound<'_, PyAny>>) -> PyResult<T> {
+        let leave = |error| {
+            self.gone.store(true, Ordering::Relaxed);
+            Err(error)
+        };
+        loop {
+            if let Err(error) = py.check_signals() {
+                return leave(error);
             }
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => {
-                return Err(PyRuntimeError::new_err("the thread that worked is gone"));
+            match py.detach(|| lock(&self.receiver).recv_timeout(SIGNALS)) {
+                Ok(Message::Done(Ok(result))) => return Ok(result),
+                // A broken invariant of ours: pyo3 makes a PanicException of it.
+                Ok(Message::Done(Err(panic))) => resume_unwind(panic),
+                Ok(Message::Progress(Progress { stage, share })) => {
+                    let Some(progress) = progress else { continue };
+                    if let Err(error) = progress.call1((stage, share)) {
+                        return leave(error);
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(PyRuntimeError::new_err("the thread that worked is gone"));
+                }
             }
         }
     }

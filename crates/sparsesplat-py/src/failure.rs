@@ -29,6 +29,12 @@ impl Sorted for gs_raster::Error {
             | Self::PixelGradientLength { .. }
             | Self::PixelGradientNotFinite { .. }
             | Self::NotBlended
+            | Self::ArrayLength { .. }
+            | Self::Coefficients { .. }
+            | Self::NotFinite { .. }
+            | Self::Scale { .. }
+            | Self::Opacity { .. }
+            | Self::Quaternion { .. }
             | Self::DepthNotRendered
             | Self::Scene(_) => Fault::Input,
             _ => Fault::Work,
@@ -74,14 +80,7 @@ macro_rules! of_the_input {
     )*};
 }
 
-of_the_input!(
-    crate::activated::Fault,
-    entropy_sampler::Error,
-    gs_scene::Error,
-    image_metrics::Error,
-    knn::Error,
-    view_data::Error
-);
+of_the_input!(entropy_sampler::Error, gs_scene::Error, image_metrics::Error, knn::Error, view_data::Error);
 
 /// `map_err` into Python.
 pub(crate) trait OrRaise<T> {

@@ -1,6 +1,5 @@
 #![doc = include_str!("../README.md")]
 
-mod activated;
 mod arrays;
 mod cameras;
 mod engine;

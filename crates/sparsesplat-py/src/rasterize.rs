@@ -1,13 +1,13 @@
 //! `rasterize` and `record`: activated arrays and matrices in, pictures out.
 
-use crate::activated::{Activated, Colors};
 use crate::arrays::{Side, give, read};
 use crate::cameras::Cameras;
 use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
 use crate::tape::{Recorded, Tape};
-use gs_raster::{Device, Rasterizer, RenderSettings, Rendering};
+use gs_raster::{Activated, Colors, Device, Rasterizer, RenderSettings, Rendering};
 use gs_scene::{Camera, Gaussians};
+use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -47,12 +47,12 @@ pub(crate) fn rasterize<'py>(
     let (sh_degree, settings) = without_sh_degree(settings)?;
     let cameras = Cameras::read(viewmats, Ks, width, height)?;
     let request = Request::read("rasterize", cameras, (width, height), settings.as_ref(), None)?;
-    let (gaussians, _) = store(py, means, quats, scales, opacities, colors, sh_degree)?;
-    let engine = engine(py)?;
-    let (drawn, request) = engine::run(py, None, move |caller| {
-        let drawn = request.render(engine, caller, &gaussians);
-        engine.recycle(gaussians);
-        (drawn, request)
+    let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
+    let (arrays, engine) = (arrays.activated()?, engine(py)?);
+    let drawn = engine::run_borrowing(py, |caller| {
+        request.render(engine, caller, |rasterizer, cameras, settings| {
+            rasterizer.render_activated(&arrays, cameras, settings)
+        })
     })?;
     request.pictures(py, drawn.or_raise()?)
 }
@@ -84,11 +84,12 @@ pub(crate) fn record<'py>(
     let (sh_degree, settings) = without_sh_degree(settings)?;
     let cameras = Cameras::read(viewmats, Ks, width, height)?;
     let request = Arc::new(Request::read("record", cameras, (width, height), settings.as_ref(), None)?);
-    let (gaussians, kind) = store(py, means, quats, scales, opacities, colors, sh_degree)?;
-    let engine = engine(py)?;
-    let asked = Arc::clone(&request);
-    let (drawn, recorded) =
-        engine::run(py, None, move |_| Recorded::new(engine, gaussians, kind, asked))?.or_raise()?;
+    let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
+    let (arrays, engine) = (arrays.activated()?, engine(py)?);
+    let recorded = engine::run_borrowing(py, |caller| {
+        Recorded::new(engine, caller, store(engine, &arrays)?, arrays.kind, Arc::clone(&request))
+    })?;
+    let (drawn, recorded) = recorded.or_raise()?;
     let (colors, alphas, meta) = request.pictures(py, drawn)?;
     Ok((colors, alphas, meta, Tape::new(recorded)))
 }
@@ -120,64 +121,71 @@ pub(crate) fn without_sh_degree<'py>(
     Ok((degree, Some(settings)))
 }
 
-/// Activated arrays to stored Gaussians.
-///
-/// # Errors
-/// `TypeError` or `ValueError` for arrays of another dtype, shape or layout, and for numbers that no Gaussian has.
-pub(crate) fn store(
-    py: Python<'_>,
-    means: &Bound<'_, PyAny>,
-    quats: &Bound<'_, PyAny>,
-    scales: &Bound<'_, PyAny>,
-    opacities: &Bound<'_, PyAny>,
-    colors: &Bound<'_, PyAny>,
-    sh_degree: Option<usize>,
-) -> PyResult<(Gaussians, Colors)> {
-    let means = read::<f32>("means", means, &[Side::Any("N"), Side::Is(3)])?;
-    let means = means.as_slice()?;
-    let n = means.len() / 3;
-    let quats = read::<f32>("quats", quats, &[Side::Is(n), Side::Is(4)])?;
-    let scales = read::<f32>("scales", scales, &[Side::Is(n), Side::Is(3)])?;
-    let opacities = read::<f32>("opacities", opacities, &[Side::Is(n)])?;
-    let (colors, kind) = match sh_degree {
-        None => (read::<f32>("colors", colors, &[Side::Is(n), Side::Is(3)])?, Colors::Rgb),
-        Some(degree) => {
-            let sh = read::<f32>("colors", colors, &[Side::Is(n), Side::Any("K"), Side::Is(3)])?;
-            let per_gaussian = numpy::PyUntypedArrayMethods::shape(&*sh)[1];
-            // A degree that there is not is an error of its own below.
-            if degree <= 3 && per_gaussian < gs_scene::sh_coefficients(degree) {
-                return Err(PyValueError::new_err(format!(
-                    "colors: {per_gaussian} SH coefficients per Gaussian, sh_degree {degree} needs {}",
-                    gs_scene::sh_coefficients(degree)
-                )));
+/// Activated Gaussians as numpy arrays.
+pub(crate) struct Arrays<'py> {
+    means: PyReadonlyArrayDyn<'py, f32>,
+    quats: PyReadonlyArrayDyn<'py, f32>,
+    scales: PyReadonlyArrayDyn<'py, f32>,
+    opacities: PyReadonlyArrayDyn<'py, f32>,
+    colors: PyReadonlyArrayDyn<'py, f32>,
+    kind: Colors,
+}
+
+impl<'py> Arrays<'py> {
+    /// # Errors
+    /// `TypeError` or `ValueError` for arrays of another dtype, shape or layout.
+    pub(crate) fn read(
+        means: &Bound<'py, PyAny>,
+        quats: &Bound<'py, PyAny>,
+        scales: &Bound<'py, PyAny>,
+        opacities: &Bound<'py, PyAny>,
+        colors: &Bound<'py, PyAny>,
+        sh_degree: Option<usize>,
+    ) -> PyResult<Self> {
+        let means = read::<f32>("means", means, &[Side::Any("N"), Side::Is(3)])?;
+        let n = means.shape()[0];
+        let quats = read::<f32>("quats", quats, &[Side::Is(n), Side::Is(4)])?;
+        let scales = read::<f32>("scales", scales, &[Side::Is(n), Side::Is(3)])?;
+        let opacities = read::<f32>("opacities", opacities, &[Side::Is(n)])?;
+        let (colors, kind) = match sh_degree {
+            None => (read::<f32>("colors", colors, &[Side::Is(n), Side::Is(3)])?, Colors::Rgb),
+            Some(degree) => {
+                let sh = read::<f32>("colors", colors, &[Side::Is(n), Side::Any("K"), Side::Is(3)])?;
+                let per_gaussian = sh.shape()[1];
+                // A degree that there is not is an error of the renderer.
+                if degree <= 3 && per_gaussian < gs_scene::sh_coefficients(degree) {
+                    return Err(PyValueError::new_err(format!(
+                        "colors: {per_gaussian} SH coefficients per Gaussian, sh_degree {degree} needs {}",
+                        gs_scene::sh_coefficients(degree)
+                    )));
+                }
+                (sh, Colors::Sh { degree, per_gaussian })
             }
-            (sh, Colors::Sh { degree, per_gaussian })
-        }
-    };
-    let activated = Activated {
-        means,
-        quats: quats.as_slice()?,
-        scales: scales.as_slice()?,
-        opacities: opacities.as_slice()?,
-        colors: colors.as_slice()?,
-        kind,
-    };
-    let engine = engine(py)?;
-    let stored = py.detach(|| {
-        let mut stored = engine.blank(n, kind.degree()).map_err(Unfit::Scene)?;
-        engine.install(|| activated.store(&mut stored)).map_err(Unfit::Number)?;
-        Ok(stored)
-    });
-    match stored {
-        Ok(stored) => Ok((stored, kind)),
-        Err(Unfit::Scene(error)) => Err(error).or_raise(),
-        Err(Unfit::Number(error)) => Err(error).or_raise(),
+        };
+        Ok(Self { means, quats, scales, opacities, colors, kind })
+    }
+
+    /// The arrays in place.
+    pub(crate) fn activated(&self) -> PyResult<Activated<'_>> {
+        Ok(Activated {
+            means: self.means.as_slice()?,
+            quats: self.quats.as_slice()?,
+            scales: self.scales.as_slice()?,
+            opacities: self.opacities.as_slice()?,
+            colors: self.colors.as_slice()?,
+            kind: self.kind,
+        })
     }
 }
 
-enum Unfit {
-    Scene(gs_scene::Error),
-    Number(crate::activated::Fault),
+/// Activated Gaussians as they are stored.
+///
+/// # Errors
+/// For numbers that no Gaussian has.
+pub(crate) fn store(engine: &Engine, arrays: &Activated<'_>) -> gs_raster::Result<Gaussians> {
+    let mut stored = engine.blank(arrays.len(), arrays.kind.degree())?;
+    engine.install(|| arrays.store_into(&mut stored))?;
+    Ok(stored)
 }
 
 /// What a picture consists of: gsplat's `render_mode`.
@@ -229,7 +237,7 @@ pub(crate) struct Run {
 }
 
 /// Cameras that are drawn in one go: a GPU is given the scene once for them.
-const TOGETHER: usize = 16;
+const TOGETHER: usize = 4;
 
 /// What is asked for.
 #[derive(Debug)]
@@ -357,20 +365,29 @@ impl Request {
         Ok(Self { runs, mode, device, size, is_double: cameras.is_double, backgrounds })
     }
 
-    /// Draws every camera; ends early if the caller is gone.
+    /// Draws every camera by `draw`; ends early if the caller is gone.
     pub(crate) fn render(
         &self,
         engine: &Engine,
         caller: &Caller,
-        gaussians: &Gaussians,
+        draw: impl Fn(&mut Rasterizer, &[Camera], &RenderSettings) -> gs_raster::Result<Vec<Rendering>>
+        + Send
+        + Sync,
     ) -> gs_raster::Result<Drawn> {
         engine.rasterizer(self.device, |rasterizer| {
             let begin = Instant::now();
             let mut views = Vec::new();
             for run in &self.runs {
-                for cameras in run.cameras.chunks(TOGETHER) {
-                    views.extend(rasterizer.render_views(gaussians, cameras, &run.settings)?);
+                let mut rest = &run.cameras[..];
+                // Of no cameras, too: what is wrong with the Gaussians is found by drawing them.
+                loop {
+                    let (cameras, after) = rest.split_at(rest.len().min(TOGETHER));
+                    views.extend(draw(rasterizer, cameras, &run.settings)?);
                     caller.end_if_gone();
+                    rest = after;
+                    if rest.is_empty() {
+                        break;
+                    }
                 }
             }
             Ok(Drawn::new(views, rasterizer, begin))

@@ -1,14 +1,13 @@
 //! Scenes: stored Gaussians that are rendered, written and read without changing a bit.
 
-use crate::activated::activate;
 use crate::arrays::{Side, give, read};
 use crate::cameras::Cameras;
 use crate::engine::{self, engine};
 use crate::failure::OrRaise;
-use crate::rasterize::{Pictures, Request, store};
+use crate::rasterize::{Arrays, Pictures, Request, store};
 use crate::reconstruct::Report;
 use gs_raster::near_plane;
-use gs_scene::{Gaussians, MEAN, QUATERNION, read_ply, sh_coefficients, write_ply};
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, read_ply, sh_coefficients, write_ply};
 use numpy::PyUntypedArrayMethods;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -49,8 +48,9 @@ impl Scene {
         colors: &Bound<'_, PyAny>,
         sh_degree: Option<usize>,
     ) -> PyResult<Self> {
-        let (gaussians, _) = store(py, means, quats, scales, opacities, colors, sh_degree)?;
-        Ok(Self::new(gaussians, None))
+        let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
+        let (arrays, engine) = (arrays.activated()?, engine(py)?);
+        Ok(Self::new(py.detach(|| store(engine, &arrays)).or_raise()?, None))
     }
 
     /// A scene of what is stored: geometry float32 [N, 11], sh float32 [N, (degree+1)², 3].
@@ -136,8 +136,12 @@ impl Scene {
         let near = |camera: &_| near_plane(&self.gaussians, camera);
         let request = Request::read("render", cameras, (width, height), settings, Some(&near))?;
         let (engine, gaussians) = (engine(py)?, Arc::clone(&self.gaussians));
-        let (drawn, request) =
-            engine::run(py, None, move |caller| (request.render(engine, caller, &gaussians), request))?;
+        let (drawn, request) = engine::run(py, None, move |caller| {
+            let drawn = request.render(engine, caller, |rasterizer, cameras, settings| {
+                rasterizer.render_views(&gaussians, cameras, settings)
+            });
+            (drawn, request)
+        })?;
         request.pictures(py, drawn.or_raise()?)
     }
 
@@ -163,4 +167,12 @@ impl Scene {
 #[pyfunction]
 pub(crate) fn load_ply(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
     Ok(Scene::new(py.detach(move || read_ply(&path)).or_raise()?, None))
+}
+
+/// Standard deviations `[N, 3]` and opacities `[N]` of stored Gaussians.
+fn activate(stored: &Gaussians) -> (Vec<f32>, Vec<f32>) {
+    let rows = || stored.geometry().chunks_exact(Gaussians::GEOMETRY);
+    let scales = rows().flat_map(|row| row[LOG_SCALE].iter().map(|log| log.exp())).collect();
+    let opacities = rows().map(|row| gs_scene::sigmoid(row[OPACITY_LOGIT])).collect();
+    (scales, opacities)
 }

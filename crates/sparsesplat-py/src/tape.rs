@@ -1,16 +1,16 @@
 //! What the backward pass needs, and the backward pass.
 
-use crate::activated::{ActivatedGradients, Colors, chain};
 use crate::arrays::{Side, give, read};
 use crate::cameras::pose_gradient;
-use crate::engine::{self, Engine, engine};
+use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
 use crate::rasterize::{Backgrounds, Depth, Drawn, Request};
-use gs_raster::{Gradients, PixelGradients, PoseGradient};
+use gs_raster::{ActivatedGradients, Colors, Gradients, PixelGradients, PoseGradient};
 use gs_scene::Gaussians;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use rayon::prelude::*;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -41,9 +41,10 @@ struct Found {
 }
 
 impl Recorded {
-    /// Draws and records.
+    /// Draws and records; ends early if the caller is gone.
     pub(crate) fn new(
         engine: &'static Engine,
+        caller: &Caller,
         gaussians: Gaussians,
         kind: Colors,
         request: Arc<Request>,
@@ -55,6 +56,7 @@ impl Recorded {
                 let (drawn, tape) = rasterizer.record(&gaussians, &run.cameras, &run.settings)?;
                 views.extend(drawn);
                 tapes.push(tape);
+                caller.end_if_gone();
             }
             Ok((Drawn::new(views, rasterizer, begin), tapes))
         })?;
@@ -93,7 +95,7 @@ impl Recorded {
                 }
             }
             let image = match (mode.colors, channels) {
-                (true, 3) => colors.to_vec(),
+                (true, 3) => copy(colors),
                 (true, _) => colors.chunks_exact(channels).flat_map(|pixel| &pixel[..3]).copied().collect(),
                 (false, _) => vec![0.0; pixels * 3],
             };
@@ -124,8 +126,9 @@ impl Recorded {
             background: [0.0; 3],
             poses: Vec::new(),
         };
-        let Gradients { geometry, sh, poses, .. } = sum.unwrap_or_else(nothing);
-        let gaussians = self.engine.install(|| chain(gaussians, &geometry, sh, self.kind));
+        let mut sum = sum.unwrap_or_else(nothing);
+        let poses = std::mem::take(&mut sum.poses);
+        let gaussians = self.engine.install(|| sum.activated(gaussians, self.kind));
         Ok(Found { gaussians, poses, backgrounds, seconds })
     }
 }
@@ -139,6 +142,15 @@ impl Drop for Recorded {
             self.engine.recycle(gaussians);
         }
     }
+}
+
+/// A copy that all threads write.
+fn copy(numbers: &[f32]) -> Vec<f32> {
+    const CHUNK: usize = 1 << 14;
+    let mut copy = vec![0.0; numbers.len()];
+    let chunks = copy.par_chunks_mut(CHUNK).zip(numbers.par_chunks(CHUNK));
+    chunks.for_each(|(copy, numbers)| copy.copy_from_slice(numbers));
+    copy
 }
 
 /// Adds gradients of further views.
@@ -165,7 +177,7 @@ impl Tape {
         v_colors: &Bound<'py, PyAny>,
         v_alphas: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let recorded = Arc::clone(&self.0);
+        let recorded = &*self.0;
         if engine(py)?.process() != recorded.engine.process() {
             return Err(PyRuntimeError::new_err(
                 "this tape was recorded by the parent of this process, record again after the fork",
@@ -177,9 +189,12 @@ impl Tape {
         let v_colors = read::<f32>("v_colors", v_colors, &shape(recorded.request.mode.channels()))?;
         let v_alphas = v_alphas.map(|array| read::<f32>("v_alphas", array, &shape(1))).transpose()?;
         let alphas = v_alphas.as_ref().map(|array| array.as_slice()).transpose()?;
-        let pixels = recorded.pixels(v_colors.as_slice()?, alphas);
-        let found = engine::run(py, None, move |_| recorded.backward(&pixels))?.or_raise()?;
-        self.0.gradients(py, found)
+        let colors = v_colors.as_slice()?;
+        let found = engine::run_borrowing(py, |_| {
+            let pixels = recorded.engine.install(|| recorded.pixels(colors, alphas));
+            recorded.backward(&pixels)
+        })?;
+        recorded.gradients(py, found.or_raise()?)
     }
 }
 

@@ -119,3 +119,41 @@ def test_a_tape_may_be_used_again_and_after_the_arrays_changed():
     again = tape.backward(np.ones_like(colors))
     for name in ("means", "quats", "scales", "opacities", "colors", "viewmats"):
         np.testing.assert_array_equal(first[name], again[name])
+
+
+def deviation(found, expected):
+    """The largest difference, relative to the largest number."""
+    return np.abs(found - expected).max() / np.abs(expected).max()
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("rasterize_mode", ["classic", "antialiased"])
+def test_a_gpu_has_the_gradients_of_the_cpu(mode, rasterize_mode):
+    # Thresholds are low: which side of them a pixel is on differs between devices by rounding.
+    settings = dict(SMOOTH, sh_degree=2, render_mode=mode, rasterize_mode=rasterize_mode)
+    settings["backgrounds"] = np.array([[0.2, 0.5, 0.1], [0.9, 0.0, 0.3]], np.float32)
+    arguments = dict(scene(200, sh_degree=2), **cameras(2, dtype=np.float64), **settings)
+    try:
+        name, _ = ss.device("gpu")
+    except RuntimeError as error:
+        # No adapter, not even one in software: that is said, and nothing is drawn on the CPU instead.
+        assert "no GPU to render on" in str(error)
+        with pytest.raises(RuntimeError, match="no GPU to render on"):
+            ss.record(**arguments, device="gpu")
+        return
+    colors, alphas, meta, tape = ss.record(**arguments, device="cpu")
+    gpu_colors, gpu_alphas, gpu_meta, gpu_tape = ss.record(**arguments, device="gpu")
+    assert (meta["device"], gpu_meta["device"]) == ("cpu", name)
+    # Both are within F32_WITHOUT_FLOOR (1e-5) of the f64 reference in the tests of gs-raster.
+    assert deviation(gpu_colors, colors) < 2e-5 and deviation(gpu_alphas, alphas) < 2e-5
+    v_colors, v_alphas = weights(colors.shape, 1) - np.float32(0.6), weights(alphas.shape, 2)
+    if "ED" in mode:
+        v_colors[..., -1] *= alphas[..., 0] > 0.01
+    expected, found = tape.backward(v_colors, v_alphas), gpu_tape.backward(v_colors, v_alphas)
+    for name in ("means", "quats", "scales", "opacities", "colors", "viewmats", "backgrounds"):
+        if name in ("colors", "backgrounds") and "RGB" not in mode:
+            assert (found[name] == 0).all() and (expected[name] == 0).all()
+            continue
+        # Both are within F32_RANDOM_GRADIENT (1e-4) of the reference there.
+        assert found[name].dtype == expected[name].dtype and found[name].shape == expected[name].shape
+        assert deviation(found[name], expected[name]) < 2e-4, (name, deviation(found[name], expected[name]))

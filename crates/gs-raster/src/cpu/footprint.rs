@@ -5,7 +5,7 @@
 //! number, possibly NaN.
 
 use super::math;
-use crate::RenderSettings;
+use crate::{Activated, RenderSettings, activated};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 use std::f64::consts::LOG2_E;
@@ -108,6 +108,25 @@ impl Columns {
         for (column, value) in self.0.iter_mut().zip(row) {
             column[place] = *value;
         }
+    }
+
+    /// Puts activated Gaussians, at most [`BLOCK`], at the first places.
+    #[inline(always)]
+    pub(super) fn store(&mut self, gaussians: &Activated<'_>) {
+        let Activated { means, quats, scales, opacities, .. } = gaussians;
+        let rows =
+            means.chunks_exact(3).zip(quats.chunks_exact(4)).zip(scales.chunks_exact(3).zip(*opacities));
+        for (place, ((mean, quat), (scale, &opacity))) in rows.enumerate() {
+            let columns = self.0.iter_mut();
+            for (column, number) in columns.zip(mean.iter().chain(quat).chain(scale).chain([&opacity])) {
+                column[place] = *number;
+            }
+        }
+        let (logs, logits) = self.0[LOG_SCALE.start..].split_at_mut(OPACITY_LOGIT - LOG_SCALE.start);
+        for column in logs {
+            column.iter_mut().for_each(|number| *number = activated::ln(*number));
+        }
+        logits[0].iter_mut().for_each(|number| *number = activated::logit(*number));
     }
 
     /// Moves a row to an earlier place.

@@ -28,7 +28,7 @@ pub(super) fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
 
 /// e^x, relative error below 1e-11 where the result is a normal number; 0 or a huge number beyond |x| = 690.
 #[inline(always)]
-pub(super) fn exp(x: f64) -> f64 {
+pub(crate) fn exp(x: f64) -> f64 {
     // Taylor's polynomial on |f| ≤ ln 2 / 2: the first term left out is 7e-12 of the sum.
     const TAYLOR: [f64; 10] = [
         1.0,
@@ -56,7 +56,7 @@ pub(super) fn exp(x: f64) -> f64 {
 
 /// log₂ of a positive normal number, absolute error below 1e-10.
 #[inline(always)]
-pub(super) fn log2(x: f64) -> f64 {
+pub(crate) fn log2(x: f64) -> f64 {
     // x = m 2^e with m in [√½, √2): the bits of √½ are subtracted, so that the exponent field changes at √2.
     const SQRT_HALF: u64 = std::f64::consts::FRAC_1_SQRT_2.to_bits();
     const EXPONENT: u64 = 0xfff << 52;

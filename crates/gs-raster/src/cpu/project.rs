@@ -1,14 +1,16 @@
 //! Gaussians to splats, block by block, chunk by chunk.
 
-use super::Grid;
 use super::footprint::{BLOCK, Columns, View, log2_alpha_bound};
+use super::sh::COEFFICIENTS_MAX;
 use super::shape::{CULLED, DRAWN, REJECTED, Shapes, find_colours, find_shapes, first_look};
 use super::span::{Bounds, Span, Tiles};
-use crate::RenderSettings;
+use super::{Grid, Source};
 use crate::settings::INTERSECTIONS_MAX;
+use crate::{RenderSettings, Result};
 use cpu_kernels::{Isa, compiled_for};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// log₂ of [`CHUNK`].
@@ -77,21 +79,26 @@ struct Chunk {
     /// Pairs of splat and tile.
     intersections: u64,
     rejected: usize,
+    /// Whether a number is none of a Gaussian, so that the rest means nothing.
+    is_faulty: bool,
 }
 
 impl Splats {
     /// Projects every Gaussian of a scene; what was here is forgotten.
+    ///
+    /// # Errors
+    /// If an activated Gaussian has a number that no Gaussian has.
     pub(super) fn project(
         &mut self,
-        gaussians: &Gaussians,
+        source: Source<'_>,
         camera: &Camera,
         settings: &RenderSettings,
         grid: Grid,
         isa: Isa,
-    ) {
+    ) -> Result<()> {
         let view = View::new(camera, settings);
         let frame = Frame { grid, limit: log2_alpha_bound(settings), intersections: &AtomicU64::new(0) };
-        let project_chunk = match (gaussians.sh_degree(), isa > Isa::Scalar) {
+        let project_chunk = match (source.sh_degree(), isa > Isa::Scalar) {
             (0, true) => project_chunk::<0, true>,
             (1, true) => project_chunk::<1, true>,
             (2, true) => project_chunk::<2, true>,
@@ -101,15 +108,18 @@ impl Splats {
             (2, false) => project_chunk::<2, false>,
             (_, false) => project_chunk::<3, false>,
         };
-        let sh_row = sh_coefficients(gaussians.sh_degree()) * 3;
-        self.chunks.resize_with(gaussians.len().div_ceil(CHUNK), Chunk::default);
-        self.chunks
-            .par_iter_mut()
-            .zip(gaussians.geometry().par_chunks(CHUNK * Gaussians::GEOMETRY))
-            .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
-            .for_each(|((chunk, geometry), sh)| {
-                project_chunk(isa, chunk, &view, frame, geometry, sh);
-            });
+        self.chunks.resize_with(source.len().div_ceil(CHUNK), Chunk::default);
+        self.chunks.par_iter_mut().enumerate().for_each(|(at, chunk)| {
+            let gaussians = at * CHUNK..source.len().min((at + 1) * CHUNK);
+            project_chunk(isa, chunk, &view, frame, source, gaussians);
+        });
+        match source {
+            // Numbers that are not used may be at fault, which is none.
+            Source::Activated(gaussians) if self.chunks.iter().any(|chunk| chunk.is_faulty) => {
+                gaussians.check_numbers()
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The splat of an index; not all numbers below [`Splats::end`] are one.
@@ -173,7 +183,7 @@ impl Splats {
 impl Chunk {
     /// Forgets everything and makes room for `count` splats.
     fn clear(&mut self, count: usize) {
-        let Self { splats, depths, tiles, spans, intersections, rejected } = self;
+        let Self { splats, depths, tiles, spans, intersections, rejected, is_faulty } = self;
         splats.clear();
         splats.reserve_exact(count);
         depths.clear();
@@ -181,7 +191,7 @@ impl Chunk {
         tiles.clear();
         tiles.reserve_exact(count);
         spans.clear();
-        (*intersections, *rejected) = (0, 0);
+        (*intersections, *rejected, *is_faulty) = (0, 0, false);
     }
 
     /// Adds a splat; its tiles are only counted unless `keep`.
@@ -224,10 +234,10 @@ fn project_chunk<const DEGREE: usize, const FMA: bool>(
     chunk: &mut Chunk,
     view: &View,
     frame: Frame,
-    geometry: &[f32],
-    sh: &[f32],
+    source: Source<'_>,
+    gaussians: Range<usize>,
 ) {
-    compiled_for(isa, || project_blocks::<DEGREE, FMA>(isa, chunk, view, frame, geometry, sh));
+    compiled_for(isa, || project_blocks::<DEGREE, FMA>(isa, chunk, view, frame, source, gaussians));
 }
 
 /// Projects the Gaussians of a chunk block by block. Each step is a function of its own for the compiler, as their loops
@@ -238,30 +248,46 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
     chunk: &mut Chunk,
     view: &View,
     frame: Frame,
-    geometry: &[f32],
-    sh: &[f32],
+    source: Source<'_>,
+    gaussians: Range<usize>,
 ) {
-    chunk.clear(geometry.len() / Gaussians::GEOMETRY);
+    chunk.clear(gaussians.len());
     let sh_row = sh_coefficients(DEGREE) * 3;
+    let first = gaussians.start;
     let mut stored = Columns::new();
     let mut outcomes = [CULLED; BLOCK];
-    let mut gaussians = [0; BLOCK];
+    let mut numbers = [0; BLOCK];
+    let mut room = [0.0; BLOCK * 3 * COEFFICIENTS_MAX];
     let mut shapes = Shapes::new();
     let mut colours = [[0.0; 3]; BLOCK];
-    let blocks = geometry.chunks(BLOCK * Gaussians::GEOMETRY).zip(sh.chunks(BLOCK * sh_row));
-    for (block, (geometry, sh)) in blocks.enumerate() {
-        for (place, row) in geometry.chunks_exact(Gaussians::GEOMETRY).enumerate() {
-            stored.set(place, row);
-        }
+    for start in gaussians.clone().step_by(BLOCK) {
+        let n = BLOCK.min(gaussians.end - start);
+        let sh = match source {
+            Source::Stored(scene) => {
+                let rows = scene.geometry()[start * Gaussians::GEOMETRY..].chunks_exact(Gaussians::GEOMETRY);
+                for (place, row) in rows.take(n).enumerate() {
+                    stored.set(place, row);
+                }
+                &scene.sh()[start * sh_row..][..n * sh_row]
+            }
+            Source::Activated(activated) => {
+                let part = activated.part(start, n);
+                compiled_for(isa, || {
+                    chunk.is_faulty |= !part.is_good();
+                    stored.store(&part);
+                });
+                part.sh(&mut room)
+            }
+        };
         compiled_for(isa, || first_look(&mut outcomes, view, &stored));
         let mut kept = 0;
-        for (gaussian, &outcome) in outcomes[..geometry.len() / Gaussians::GEOMETRY].iter().enumerate() {
+        for (gaussian, &outcome) in outcomes[..n].iter().enumerate() {
             chunk.rejected += usize::from(outcome == REJECTED);
             if outcome == DRAWN {
                 if kept < gaussian {
                     stored.copy(gaussian, kept);
                 }
-                gaussians[kept] = gaussian;
+                numbers[kept] = gaussian;
                 kept += 1;
             }
         }
@@ -273,15 +299,15 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
         let keep = frame.intersections.load(Ordering::Relaxed) <= INTERSECTIONS_MAX;
         compiled_for(isa, || find_shapes(&mut shapes, view, &stored));
         compiled_for(isa, || {
-            find_colours::<DEGREE, FMA>(&mut colours, &shapes.direction, &gaussians[..kept], sh);
+            find_colours::<DEGREE, FMA>(&mut colours, &shapes.direction, &numbers[..kept], sh);
         });
-        for (place, gaussian) in gaussians[..kept].iter().enumerate() {
+        for (place, gaussian) in numbers[..kept].iter().enumerate() {
             let rgb = colours[place];
             if shapes.outcome[place] != DRAWN {
                 chunk.rejected += usize::from(shapes.outcome[place] == REJECTED);
             } else if rgb.iter().all(|channel| channel.is_finite()) {
                 let rgb = rgb.map(|channel| if channel < 0.0 { -0.0 } else { channel });
-                let gaussian = (block * BLOCK + gaussian) as u32;
+                let gaussian = (start - first + gaussian) as u32;
                 chunk.push(shapes.splat(place, rgb, gaussian), shapes.bounds(place), frame, keep);
             } else {
                 chunk.rejected += 1;

@@ -1,5 +1,6 @@
 //! Golden cases, properties against the f64 reference, and hostile input.
 
+mod activated;
 mod backward;
 mod check;
 mod ellipsoids;

@@ -1,0 +1,386 @@
+//! Activated arrays: rendered in place as what is stored of them, and the chain rule back.
+
+use crate::check::settings;
+use crate::scenes::{camera, gaussians};
+use gs_raster::{
+    Activated, Colors, Error, Gradients, PixelGradients, Rasterizer, RenderSettings, Rendering, Result, Style,
+};
+use gs_reference::Profile;
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, dc_from_rgb, sigmoid};
+use proptest::prelude::*;
+
+/// Arrays of Gaussians.
+#[derive(Debug, Clone)]
+struct Arrays {
+    means: Vec<f32>,
+    quats: Vec<f32>,
+    scales: Vec<f32>,
+    opacities: Vec<f32>,
+    colors: Vec<f32>,
+    kind: Colors,
+}
+
+impl Arrays {
+    /// Three Gaussians.
+    fn new(kind: Colors) -> Self {
+        let per_gaussian = match kind {
+            Colors::Rgb => 3,
+            Colors::Sh { per_gaussian, .. } => 3 * per_gaussian,
+        };
+        let numbers = |count: usize| (0..count).map(|i| 0.1 + 0.03 * i as f32).collect::<Vec<_>>();
+        Self {
+            means: numbers(9),
+            quats: numbers(12),
+            scales: numbers(9),
+            opacities: vec![0.2, 0.5, 0.9],
+            colors: numbers(3 * per_gaussian),
+            kind,
+        }
+    }
+
+    fn view(&self) -> Activated<'_> {
+        let Self { means, quats, scales, opacities, colors, kind } = self;
+        Activated { means, quats, scales, opacities, colors, kind: *kind }
+    }
+
+    fn store(&self) -> Result<Gaussians> {
+        self.view().store()
+    }
+
+    /// What would be stored as these Gaussians, or nearly.
+    fn of(stored: &Gaussians, kind: Colors) -> Self {
+        let columns = |range: std::ops::Range<usize>| -> Vec<f32> {
+            stored.geometry().chunks_exact(11).flat_map(|row| row[range.clone()].to_vec()).collect()
+        };
+        let sh_row = gs_scene::sh_coefficients(stored.sh_degree()) * 3;
+        let rows = stored.sh().chunks_exact(sh_row);
+        let colors = match kind {
+            Colors::Rgb => rows.flat_map(|sh| gs_scene::rgb_from_dc([sh[0], sh[1], sh[2]])).collect(),
+            Colors::Sh { per_gaussian, .. } => {
+                // What is not used may hold anything.
+                let rest = vec![f32::NAN; per_gaussian * 3 - sh_row];
+                rows.flat_map(|sh| sh.iter().chain(&rest).copied()).collect()
+            }
+        };
+        Self {
+            means: columns(MEAN),
+            quats: columns(QUATERNION),
+            scales: columns(LOG_SCALE).into_iter().map(f32::exp).collect(),
+            opacities: columns(OPACITY_LOGIT..OPACITY_LOGIT + 1).into_iter().map(sigmoid).collect(),
+            colors,
+            kind,
+        }
+    }
+}
+
+/// Gradients of what is stored, without those by background and poses.
+fn gradients(geometry: Vec<f32>, sh: Vec<f32>) -> Gradients {
+    Gradients { geometry, sh, background: [0.0; 3], poses: Vec::new() }
+}
+
+const KINDS: [Colors; 3] =
+    [Colors::Rgb, Colors::Sh { degree: 2, per_gaussian: 9 }, Colors::Sh { degree: 1, per_gaussian: 16 }];
+
+#[test]
+fn what_is_stored_activates_to_what_was_given() {
+    for kind in KINDS {
+        let arrays = Arrays::new(kind);
+        let stored = arrays.store().unwrap();
+        let again = Arrays::of(&stored, kind);
+        let pairs = again.scales.iter().zip(&arrays.scales);
+        for (found, given) in pairs.chain(again.opacities.iter().zip(&arrays.opacities)) {
+            assert!((found / given - 1.0).abs() < 1e-6, "{found} for {given}");
+        }
+        let row = arrays.colors.len() / 3;
+        for (at, sh) in stored.sh().chunks_exact(stored.sh().len() / 3).enumerate() {
+            let given = &arrays.colors[at * row..];
+            match kind {
+                Colors::Rgb => assert_eq!(sh, dc_from_rgb([given[0], given[1], given[2]])),
+                Colors::Sh { .. } => assert_eq!(sh, &given[..sh.len()]),
+            }
+        }
+    }
+}
+
+/// One of the arrays.
+type Field = fn(&mut Arrays) -> &mut Vec<f32>;
+
+#[test]
+fn the_chain_rule_agrees_with_central_differences() {
+    for kind in KINDS {
+        let arrays = Arrays::new(kind);
+        let stored = arrays.store().unwrap();
+        // A loss that is linear in what is stored: its gradients are these weights.
+        let weight = |place: usize| ((place * 7 % 11) as f32 - 5.0) / 5.0;
+        let by_geometry: Vec<f32> = (0..stored.geometry().len()).map(weight).collect();
+        let by_sh: Vec<f32> = (0..stored.sh().len()).map(weight).collect();
+        let loss = |arrays: &Arrays| -> f64 {
+            let stored = arrays.store().unwrap();
+            let both = stored.geometry().iter().zip(&by_geometry).chain(stored.sh().iter().zip(&by_sh));
+            both.map(|(number, weight)| f64::from(*number) * f64::from(*weight)).sum()
+        };
+        let found = gradients(by_geometry.clone(), by_sh.clone()).activated(&stored, kind);
+        let fields: [(Field, &Vec<f32>); 5] = [
+            (|arrays| &mut arrays.means, &found.means),
+            (|arrays| &mut arrays.quats, &found.quats),
+            (|arrays| &mut arrays.scales, &found.scales),
+            (|arrays| &mut arrays.opacities, &found.opacities),
+            (|arrays| &mut arrays.colors, &found.colors),
+        ];
+        for (field, by_field) in fields {
+            for (place, &gradient) in by_field.iter().enumerate() {
+                let at = |step: f32| {
+                    let mut moved = Arrays::new(kind);
+                    field(&mut moved)[place] += step;
+                    loss(&moved)
+                };
+                let step = 1e-3;
+                let expected = (at(step) - at(-step)) / (2.0 * f64::from(step));
+                let error = (f64::from(gradient) - expected).abs();
+                assert!(
+                    error < 2e-3 * expected.abs().max(1.0),
+                    "{kind:?} {place}: {gradient}, differences say {expected}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn opacities_of_0_and_1_are_limits_with_finite_gradients() {
+    let mut arrays = Arrays::new(Colors::Rgb);
+    arrays.opacities = vec![0.0, 1.0, 0.5];
+    let stored = arrays.store().unwrap();
+    let logits: Vec<f32> =
+        stored.geometry().iter().skip(OPACITY_LOGIT).step_by(Gaussians::GEOMETRY).copied().collect();
+    assert!(logits.iter().all(|logit| logit.is_finite()), "{logits:?}");
+    assert!(sigmoid(logits[0]) < 1e-37 && sigmoid(logits[1]) > 1.0 - 1e-6);
+    // By the logit a gradient vanishes as o (1 - o) does; by the opacity it is what it was: here 1.
+    let mut by_geometry = vec![0.0; stored.geometry().len()];
+    let (up, down) = (f64::from(logits[1]).exp(), f64::from(-logits[1]).exp());
+    by_geometry[OPACITY_LOGIT + Gaussians::GEOMETRY] = (1.0 / ((1.0 + up) * (1.0 + down))) as f32;
+    let found = gradients(by_geometry, vec![0.0; stored.sh().len()]).activated(&stored, Colors::Rgb);
+    assert!((found.opacities[1] - 1.0).abs() < 1e-6, "{}", found.opacities[1]);
+    // Gaussians that are not drawn have no gradient.
+    assert_eq!(found.opacities[0], 0.0);
+}
+
+#[test]
+fn numbers_that_no_gaussian_has_are_named() {
+    type Spoil = fn(&mut Arrays);
+    let cases: [(Spoil, &str); 8] = [
+        (|a| a.means[4] = f32::NAN, "means: Gaussian 1 holds NaN"),
+        (|a| a.quats[11] = f32::INFINITY, "quats: Gaussian 2 holds inf"),
+        (|a| a.quats[4..8].fill(0.0), "quats: Gaussian 1 has a quaternion of norm 0"),
+        (|a| a.scales[0] = 0.0, "scales: Gaussian 0 has 0"),
+        (|a| a.scales[5] = -3.0, "scales: Gaussian 1 has -3"),
+        (|a| a.opacities[2] = 1.5, "opacities: Gaussian 2 has 1.5"),
+        (|a| a.opacities[0] = f32::NAN, "opacities: Gaussian 0 holds NaN"),
+        (|a| a.colors[7] = f32::NAN, "colors: Gaussian 2 holds NaN"),
+    ];
+    for (spoil, expected) in cases {
+        let mut arrays = Arrays::new(Colors::Rgb);
+        spoil(&mut arrays);
+        let found = arrays.store().unwrap_err().to_string();
+        assert!(found.starts_with(expected), "{found}");
+        assert_eq!(render(&arrays.view()).unwrap_err().to_string(), found);
+    }
+    // Of several the first is named, whatever thread finds which.
+    let mut arrays = Arrays::new(Colors::Rgb);
+    arrays.means.fill(f32::NAN);
+    assert!(arrays.store().unwrap_err().to_string().starts_with("means: Gaussian 0"));
+    // Finite numbers whose sum overflows are no fault.
+    let mut arrays = Arrays::new(Colors::Rgb);
+    arrays.means.fill(f32::MAX);
+    assert!(arrays.store().is_ok());
+    // The smallest scale has a logarithm.
+    let mut arrays = Arrays::new(Colors::Rgb);
+    arrays.scales.fill(f32::from_bits(1));
+    assert!(arrays.store().unwrap().geometry()[LOG_SCALE].iter().all(|log| log.is_finite()));
+}
+
+#[test]
+fn no_gaussians_are_no_fault() {
+    let none = Arrays {
+        means: vec![],
+        quats: vec![],
+        scales: vec![],
+        opacities: vec![],
+        colors: vec![],
+        kind: Colors::Sh { degree: 3, per_gaussian: 16 },
+    };
+    let stored = none.store().unwrap();
+    assert!(stored.is_empty() && none.view().is_empty());
+    let found = gradients(vec![], vec![]).activated(&stored, none.kind);
+    assert!(found.means.is_empty() && found.colors.is_empty());
+}
+
+/// In one view.
+fn render(arrays: &Activated<'_>) -> Result<Vec<Rendering>> {
+    let lens = gs_scene::Intrinsics { fx: 20.0, fy: 20.0, cx: 8.0, cy: 8.0, width: 16, height: 16 };
+    let camera = gs_scene::Camera::new(lens, glam::DMat3::IDENTITY, glam::DVec3::ZERO).expect("valid");
+    Rasterizer::cpu().render_activated(arrays, &[camera], &RenderSettings::default())
+}
+
+#[test]
+fn arrays_of_other_lengths_and_degrees_are_named() {
+    type Spoil = fn(&mut Arrays);
+    let cases: [(Spoil, &str); 6] = [
+        (|a| a.means.truncate(8), "means: 8 numbers for 3 Gaussians, expected 9"),
+        (|a| a.quats.push(1.0), "quats: 13 numbers for 3 Gaussians, expected 12"),
+        (|a| a.scales.clear(), "scales: 0 numbers for 3 Gaussians, expected 9"),
+        (|a| a.opacities.truncate(2), "means: 9 numbers for 2 Gaussians, expected 6"),
+        (|a| a.colors.truncate(26), "colors: 26 numbers for 3 Gaussians, expected 81"),
+        (
+            |a| a.kind = Colors::Sh { degree: 3, per_gaussian: 9 },
+            "colors: 9 SH coefficients per Gaussian, degree 3 needs 16",
+        ),
+    ];
+    for (spoil, expected) in cases {
+        let mut arrays = Arrays::new(Colors::Sh { degree: 2, per_gaussian: 9 });
+        spoil(&mut arrays);
+        assert_eq!(arrays.store().unwrap_err().to_string(), expected);
+        assert_eq!(render(&arrays.view()).unwrap_err().to_string(), expected);
+    }
+    let mut arrays = Arrays::new(Colors::Rgb);
+    arrays.kind = Colors::Sh { degree: 4, per_gaussian: usize::MAX };
+    assert!(matches!(arrays.store(), Err(Error::Scene(gs_scene::Error::ShDegree { found: 4 }))));
+    let other = Arrays::new(Colors::Rgb);
+    let mut stored = Gaussians::empty(0).unwrap();
+    assert!(matches!(other.view().store_into(&mut stored), Err(Error::OtherScene { .. })));
+}
+
+#[test]
+fn numbers_are_checked_without_a_camera_and_where_no_camera_looks() {
+    let mut arrays = Arrays::new(Colors::Rgb);
+    arrays.scales[4] = -1.0;
+    let none = Rasterizer::cpu().render_activated(&arrays.view(), &[], &RenderSettings::default());
+    assert!(matches!(none, Err(Error::Scale { gaussian: 1, .. })), "{none:?}");
+    // Behind the camera, in the last of several chunks.
+    let n = 10_000;
+    let mut many = Arrays {
+        means: vec![-5.0; 3 * n],
+        quats: vec![1.0; 4 * n],
+        scales: vec![0.1; 3 * n],
+        opacities: vec![0.5; n],
+        colors: vec![0.5; 3 * n],
+        kind: Colors::Rgb,
+    };
+    assert!(render(&many.view()).is_ok());
+    many.colors[3 * 9_999] = f32::NAN;
+    many.quats[4 * 9_998..][..4].fill(0.0);
+    let found = render(&many.view());
+    assert!(matches!(found, Err(Error::Quaternion { gaussian: 9_998 })), "{found:?}");
+}
+
+/// How the colours of Gaussians are given.
+fn kind(degree: usize, choice: usize) -> Colors {
+    let least = gs_scene::sh_coefficients(degree);
+    match choice {
+        0 if degree == 0 => Colors::Rgb,
+        1 => Colors::Sh { degree, per_gaussian: least + 2 },
+        _ => Colors::Sh { degree, per_gaussian: least },
+    }
+}
+
+fn bits(view: &Rendering) -> Vec<u32> {
+    let depth = view.depth.iter().flatten();
+    view.image.data().iter().chain(&view.alpha).chain(depth).map(|value| value.to_bits()).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    #[test]
+    fn arrays_in_place_equal_what_is_stored_to_the_bit(
+        scene in gaussians(200), camera in camera(), choice in 0usize..3, antialias: bool, solid: bool,
+    ) {
+        let arrays = Arrays::of(&scene, kind(scene.sh_degree(), choice));
+        let stored = arrays.store().expect("valid");
+        let profile = Profile { antialias, ..Profile::default() };
+        let settings = settings(&profile, [0.2, 0.5, 0.9]);
+        let style = if solid { Style::Ellipsoids } else { Style::Blended };
+        let settings = RenderSettings { style, ..settings };
+        let mut rasterizer = Rasterizer::cpu();
+        let expected = rasterizer.render(&stored, &camera, &settings).expect("valid");
+        let found = rasterizer.render_activated(&arrays.view(), &[camera, camera], &settings).expect("valid");
+        prop_assert_eq!(found.len(), 2);
+        for found in found {
+            prop_assert_eq!(bits(&found), bits(&expected));
+            prop_assert_eq!(found.stats.visible, expected.stats.visible);
+            prop_assert_eq!(found.stats.intersections, expected.stats.intersections);
+        }
+    }
+
+    #[test]
+    fn logarithms_are_rounded_once(scale in prop::num::f32::POSITIVE | prop::num::f32::SUBNORMAL, o in 0.0..=1.0f32) {
+        let mut arrays = Arrays::new(Colors::Rgb);
+        arrays.scales[0] = scale.abs();
+        arrays.opacities[0] = o;
+        prop_assume!(arrays.scales[0] > 0.0);
+        let stored = arrays.store().expect("valid");
+        let close = |found: f32, expected: f64| {
+            (f64::from(found) - expected).abs() <= 0.51 * f64::from(expected.abs() as f32) * f64::from(f32::EPSILON)
+        };
+        let log = stored.geometry()[LOG_SCALE.start];
+        prop_assert!(close(log, f64::from(scale).abs().ln()), "{} {}", scale, log);
+        if (1e-30..1.0).contains(&o) {
+            let logit = stored.geometry()[OPACITY_LOGIT];
+            prop_assert!(close(logit, (f64::from(o) / (1.0 - f64::from(o))).ln()), "{} {}", o, logit);
+        }
+    }
+}
+
+#[test]
+fn gradients_of_activated_gaussians_agree_with_central_differences() {
+    // Through the renderer: one large Gaussian in the middle of the view, a loss by all pixels.
+    let lens = gs_scene::Intrinsics { fx: 20.0, fy: 20.0, cx: 8.0, cy: 8.0, width: 16, height: 16 };
+    let camera = gs_scene::Camera::new(lens, glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap();
+    let arrays = Arrays {
+        means: vec![0.1, -0.1, 3.0],
+        quats: vec![0.9, 0.1, -0.2, 0.3],
+        scales: vec![0.5, 0.4, 0.6],
+        opacities: vec![0.6],
+        colors: vec![0.8, 0.3, 0.5],
+        kind: Colors::Rgb,
+    };
+    let weights: Vec<f32> = (0..16 * 16 * 3).map(|i| 0.2 + (i * 7 % 13) as f32 / 15.0).collect();
+    // Thresholds cut tails off: steps of the picture that a difference sees and a gradient does not. They are low here.
+    let settings = RenderSettings {
+        alpha_min: 1e-6,
+        alpha_max: 0.9999,
+        transmittance_min: 1e-12,
+        ..RenderSettings::default()
+    };
+    let loss = |arrays: &Arrays| -> f64 {
+        let views = Rasterizer::cpu().render_activated(&arrays.view(), &[camera], &settings).unwrap();
+        views[0].image.data().iter().zip(&weights).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+    };
+    let mut rasterizer = Rasterizer::cpu();
+    let stored = arrays.store().unwrap();
+    let (_, tape) = rasterizer.record(&stored, &[camera], &settings).unwrap();
+    let pixels = PixelGradients { image: weights.clone(), alpha: None, depth: None };
+    let found = rasterizer.backward(&stored, &tape, &[pixels]).unwrap().activated(&stored, arrays.kind);
+    let fields: [(Field, &Vec<f32>); 3] = [
+        (|arrays| &mut arrays.scales, &found.scales),
+        (|arrays| &mut arrays.opacities, &found.opacities),
+        (|arrays| &mut arrays.colors, &found.colors),
+    ];
+    for (field, by_field) in fields {
+        for (place, &gradient) in by_field.iter().enumerate() {
+            let at = |step: f32| {
+                let mut moved = arrays.clone();
+                field(&mut moved)[place] += step;
+                loss(&moved)
+            };
+            let step = 1.0 / 256.0;
+            let expected = (at(step) - at(-step)) / (2.0 * f64::from(step));
+            let error = (f64::from(gradient) - expected).abs();
+            // The second derivative over a step of 1/256, and single pixels of 1e-6 at the rim.
+            assert!(
+                error < 2e-2 * expected.abs().max(1.0),
+                "{place}: {gradient}, differences say {expected}"
+            );
+        }
+    }
+}
