@@ -23,6 +23,11 @@ pub struct Scene {
 pub enum Remark {
     /// The scene was trained for a renderer with antialiasing (Mip-Splatting).
     Antialiased,
+    /// Columns and elements of a PLY file that a Gaussian does not have, such as labels.
+    Unread {
+        /// Their names.
+        names: Vec<String>,
+    },
     /// Spherical harmonics of degree 4 were dropped.
     ShDegree4,
     /// An extension of SPZ was not read.
@@ -43,6 +48,7 @@ impl fmt::Display for Remark {
             Self::Antialiased => f.write_str(
                 "was trained for a renderer with antialiasing; without it, it looks sharper or fainter",
             ),
+            Self::Unread { names } => write!(f, "not read: {}", names.join(", ")),
             Self::ShDegree4 => f.write_str("spherical harmonics of degree 4 are dropped"),
             Self::SpzExtension { kind } => write!(f, "SPZ extension {kind:#010x} is not read"),
             Self::Primitives { count } => write!(f, "{count} primitives are no Gaussians, and not read"),
@@ -80,12 +86,13 @@ pub fn read_scene(path: &Path) -> Result<Scene> {
         Format::Ply | Format::CompressedPly => {
             let header = PlyHeader::read(&mut reader).map_err(io)?;
             let header = header.map_err(|rule| gs_scene::Error::Ply { path: path.to_path_buf(), rule })?;
-            let remarks = if is_antialiased(&header) { vec![Remark::Antialiased] } else { Vec::new() };
+            let mut remarks = if is_antialiased(&header) { vec![Remark::Antialiased] } else { Vec::new() };
             if compressed_ply::is_compressed(&header) {
                 let format = Format::CompressedPly;
                 let decoded = compressed_ply::decode(&header, &mut reader);
                 (format, (decoded.map_err(fail(format))?, remarks))
             } else {
+                remarks.extend(unread(&header));
                 (Format::Ply, (read_ply_vertices(path, &header, &mut reader)?, remarks))
             }
         }
@@ -103,6 +110,21 @@ pub fn read_scene(path: &Path) -> Result<Scene> {
 fn is_antialiased(header: &PlyHeader) -> bool {
     let says = |comment: &String| ["splatrendermode: mip", "antialiased 1"].contains(&comment.as_str());
     header.comments.iter().map(|comment| comment.to_ascii_lowercase()).any(|comment| says(&comment))
+}
+
+/// What a plain PLY has besides Gaussians. Normals have no meaning there; every file has them.
+fn unread(header: &PlyHeader) -> Option<Remark> {
+    const READ: [&str; 11] =
+        ["x", "y", "z", "nx", "ny", "nz", "opacity", "f_dc_", "f_rest_", "scale_", "rot_"];
+    let is_read = |name: &str| {
+        let stem = name.trim_end_matches(|letter: char| letter.is_ascii_digit());
+        READ.contains(&stem)
+    };
+    let columns = header.elements.first().into_iter().flat_map(|vertex| &vertex.properties);
+    let columns = columns.map(|property| property.name.clone()).filter(|name| !is_read(name));
+    let elements = header.elements.iter().skip(1).map(|element| format!("element {}", element.name));
+    let names: Vec<String> = columns.chain(elements).collect();
+    (!names.is_empty()).then_some(Remark::Unread { names })
 }
 
 /// Writes a scene in the format that the extension of the path says, all or nothing.

@@ -1,78 +1,13 @@
+use crate::difference::{Difference, difference, ordered_as, turn};
 use crate::{Folder, encoded, extension, files, scene};
 use gs_scene::{Gaussians, SH_C0, sigmoid};
 use proptest::prelude::*;
 use splat_formats::{
-    Encoder, Error, Format, HalfTurn, Loss, Quantity, Rule, half_turn, read_scene, write_scene,
+    Encoder, Error, Format, HalfTurn, Loss, Quantity, Remark, Rule, half_turn, read_scene, write_scene,
 };
 
-/// Largest differences of two scenes of the same order.
-#[derive(Debug, Default)]
-struct Difference {
-    position: f64,
-    log_scale: f64,
-    /// Angle of the turn between two rotations, radians.
-    angle: f64,
-    opacity: f64,
-    /// As brightness from 0 to 1.
-    colour: f64,
-    sh: f64,
-}
-
-fn difference(a: &Gaussians, b: &Gaussians) -> Difference {
-    assert_eq!(a.len(), b.len());
-    let mut worst = Difference::default();
-    let add =
-        |worst: &mut f64, value: f64| *worst = worst.max(if value.is_nan() { f64::INFINITY } else { value });
-    for (a, b) in a.geometry().chunks_exact(11).zip(b.geometry().chunks_exact(11)) {
-        let apart = |i: usize| f64::from(a[i]) - f64::from(b[i]);
-        (0..3).for_each(|i| add(&mut worst.position, apart(i).abs()));
-        (7..10).for_each(|i| add(&mut worst.log_scale, apart(i).abs()));
-        let norm = |q: &[f32]| q[3..7].iter().map(|v| f64::from(*v).powi(2)).sum::<f64>().sqrt();
-        let (na, nb) = (norm(a), norm(b));
-        // The chord between the unit quaternions keeps its digits for small angles, unlike the arc cosine.
-        let chord = |sign: f64| {
-            let part = |i: usize| f64::from(a[i]) / na - sign * f64::from(b[i]) / nb;
-            (3..7).map(|i| part(i).powi(2)).sum::<f64>().sqrt()
-        };
-        add(&mut worst.angle, 4.0 * (0.5 * chord(1.0).min(chord(-1.0))).min(1.0).asin());
-        add(&mut worst.opacity, f64::from((sigmoid(a[10]) - sigmoid(b[10])).abs()));
-    }
-    let (width, other) = (a.sh().len() / a.len(), b.sh().len() / b.len());
-    for (a, b) in a.sh().chunks_exact(width).zip(b.sh().chunks_exact(other)) {
-        for (i, (a, b)) in a.iter().zip(b).enumerate() {
-            let apart = (f64::from(*a) - f64::from(*b)).abs();
-            if i < 3 {
-                add(&mut worst.colour, apart * f64::from(SH_C0));
-            } else {
-                add(&mut worst.sh, apart);
-            }
-        }
-    }
-    worst
-}
-
-/// The turn by which a rotation can be off if each of three components of its quaternion is off by `step`. The fourth, the
-/// largest, is at least 1/2, so it is off by at most √3 times the length of the error of the others.
-fn turn(step: f64) -> f64 {
-    let others = 3.0_f64.sqrt() * step;
-    4.0 * (0.5 * (others * others + 3.0 * others * others).sqrt()).asin()
-}
-
-/// What rounding of f32 adds, for numbers of these magnitudes.
-const FLOAT: f64 = 4e-6;
-
 fn assert_within(found: &Difference, bound: &Difference) -> Result<(), TestCaseError> {
-    for (what, found, bound) in [
-        ("position", found.position, bound.position),
-        ("log-scale", found.log_scale, bound.log_scale),
-        ("angle", found.angle, bound.angle),
-        ("opacity", found.opacity, bound.opacity),
-        ("colour", found.colour, bound.colour),
-        ("sh", found.sh, bound.sh),
-    ] {
-        prop_assert!(found <= bound + FLOAT, "{}: {} > {}", what, found, bound);
-    }
-    Ok(())
+    found.within(bound).map_err(TestCaseError::fail)
 }
 
 fn round_trip(scene: &Gaussians, format: Format) -> Gaussians {
@@ -81,22 +16,6 @@ fn round_trip(scene: &Gaussians, format: Format) -> Gaussians {
     let read = folder.read(&name, &encoded(scene, format)).unwrap();
     assert_eq!((read.format, read.remarks.len()), (format, 0));
     read.gaussians
-}
-
-/// Gaussians in the order in which another scene has them: each of `other` is matched to the nearest mean.
-fn ordered_as(scene: &Gaussians, other: &Gaussians) -> Gaussians {
-    let width = scene.sh().len() / scene.len();
-    let (mut geometry, mut sh) = (Vec::new(), Vec::new());
-    for row in other.geometry().chunks_exact(11) {
-        let distance = |i: usize| {
-            let mean = &scene.geometry()[11 * i..][..3];
-            mean.iter().zip(row).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>()
-        };
-        let nearest = (0..scene.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b))).unwrap();
-        geometry.extend_from_slice(&scene.geometry()[11 * nearest..][..11]);
-        sh.extend_from_slice(&scene.sh()[width * nearest..][..width]);
-    }
-    Gaussians::new(scene.sh_degree(), geometry, sh).unwrap()
 }
 
 proptest! {
@@ -302,14 +221,19 @@ fn a_failed_write_leaves_the_old_file() {
 }
 
 #[test]
-fn a_comment_tells_of_antialiasing() {
+fn comments_and_columns_that_are_not_read_are_told() {
     let folder = Folder::new();
     let bytes = encoded(&scene(0, 3, 1), Format::Ply);
     let text = String::from_utf8_lossy(&bytes[..200]).into_owned();
     assert!(text.contains("comment SplatRenderMode: default"));
     let at = text.find("default").unwrap();
     let mip = [&bytes[..at], b"mip", &bytes[at + 7..]].concat();
-    assert_eq!(folder.read("x.ply", &mip).unwrap().remarks.len(), 1);
+    assert_eq!(folder.read("x.ply", &mip).unwrap().remarks, [Remark::Antialiased]);
+    let end = bytes.windows(10).position(|window| window == b"end_header").unwrap();
+    let more = String::from_utf8_lossy(&bytes[..end]).replace(" nz\n", " label\n").into_bytes();
+    let more = [&more, &b"element camera 0\nproperty float fov\n"[..], &bytes[end..]].concat();
+    let names = ["label", "element camera"].map(str::to_owned).to_vec();
+    assert_eq!(folder.read("x.ply", &more).unwrap().remarks, [Remark::Unread { names }]);
 }
 
 #[test]
