@@ -38,13 +38,6 @@ pub(crate) fn no_device() -> clap::Arg {
     clap::Arg::new("device").long("device").hide(true).value_parser(refuse)
 }
 
-/// Reads the format of a scene: its extension.
-pub(crate) fn scene_format(text: &str) -> Result<splat_formats::Format, String> {
-    let all = splat_formats::Format::ALL;
-    let names = || all.map(splat_formats::Format::extension).join(", ");
-    all.into_iter().find(|format| format.extension() == text).ok_or_else(|| format!("expected {}", names()))
-}
-
 /// Device that renders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Device {

@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "DIR", default_value = "out/demo")]
     output: PathBuf,
     /// Format of the scene: ply, compressed.ply, spz, splat or glb
-    #[arg(long, value_name = "FORMAT", default_value = "ply", value_parser = crate::arguments::scene_format)]
+    #[arg(long, value_name = "FORMAT", default_value = "ply", value_parser = output::parse_format)]
     format: Format,
     /// Size of the simulated photographs
     #[arg(long, value_name = "WxH", value_parser = size)]

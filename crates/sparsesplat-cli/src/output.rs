@@ -148,6 +148,13 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Outcome {
     write_text(path, &(to_json(value)? + "\n"))
 }
 
+/// Reads the format of a scene as an argument says it: by its extension.
+pub(crate) fn parse_format(text: &str) -> Result<Format, String> {
+    let names = || Format::ALL.map(Format::extension).join(", ");
+    let named = |format: &Format| format.extension() == text;
+    Format::ALL.into_iter().find(named).ok_or_else(|| format!("expected {}", names()))
+}
+
 /// The format that a scene is written in: by the extension of its file; PLY without one, as on standard output.
 pub(crate) fn scene_format(path: &Path) -> Outcome<Format> {
     let name = links(path).pop().unwrap_or_else(|| path.to_path_buf());
