@@ -97,7 +97,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let losses =
         Encoder::new(gaussians, format).or_input()?.losses().iter().map(ToString::to_string).collect();
     output::write_scene(&arguments.output, format, gaussians, |loss| {
-        print_line(&format!("loses      {loss}"))
+        print_line(&format!("loses      {loss}"));
     })?;
     let bytes = fs::metadata(&arguments.output).ok().filter(fs::Metadata::is_file).map(|file| file.len());
     let bytes = bytes.map(|bytes| format!(", {bytes} bytes")).unwrap_or_default();
