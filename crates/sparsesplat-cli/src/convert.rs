@@ -31,7 +31,7 @@ use std::path::PathBuf;
 /// splat-transform and SuperSplat with SPZ) show or write the scene upside down: --half-turn x mends it.
 #[derive(Debug, Args)]
 #[command(arg = crate::arguments::no_device(), after_help = "Examples:\n  \
-    sparsesplat convert scene.ply scene.spz                          a tenth of the size\n  \
+    sparsesplat convert scene.ply scene.spz                          an eighth of the size\n  \
     sparsesplat convert scene.ply scene.glb                          for glTF viewers\n  \
     sparsesplat convert download.splat scene.ply                     to edit or render\n  \
     sparsesplat convert scene.ply scene.spz --half-turn x            SPZ for SuperSplat, which expects PLY's axes in it")]

@@ -27,7 +27,7 @@ use view_data::Format;
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat reconstruct data/fox -o fox.ply\n  \
-    sparsesplat reconstruct data/fox -o fox.spz                         a tenth of the size, for viewers\n  \
+    sparsesplat reconstruct data/fox -o fox.spz                         an eighth of the size, for viewers\n  \
     sparsesplat reconstruct data/fox --views 8 --gaussians 150k -o fox.ply --report fox.html\n  \
     sparsesplat reconstruct data/fox --index data/fox/evaluation_index.json --window fox/1 -o fox.ply\n  \
     sparsesplat reconstruct data/fox --refine 60 -o fox.ply             better by some dB, in some more seconds\n  \
