@@ -4,6 +4,7 @@
 
 mod browser;
 mod consumer;
+mod formats;
 mod python;
 mod run;
 mod sets;
@@ -23,6 +24,7 @@ Commands of the product (built in release, arguments passed on; each has --help)
   demo         simulate a scene, reconstruct it, render views it never saw, write a report
   reconstruct  posed photographs to a 3D Gaussian scene
   render       a scene to pictures
+  convert      a scene to another file format
   eval         the tables: PSNR, SSIM, Gaussians and time on data sets
   tradeoff     what accuracy costs in time: one method varied along one axis at a time
   paper        the paper's tables, with what is measured here beside
@@ -39,6 +41,7 @@ Checks for developers:
   test --gpu   those that need a graphics adapter as well; a software one does, without any it fails
   browser-test [PAGE ...]
                reports in a real browser (Chromium): plots, pictures, sliders, console; without a page it makes them first
+  format-test  scene files of another program (splat-transform, from npm) against ours, both ways
   python-test [--torch] [ARGUMENTS OF PYTEST]
                the Python module: wheel, fresh environment, pytest, and with torch its example
   shader NAME  a shader as it is compiled; without a name it lists them
@@ -47,10 +50,11 @@ Checks for developers:
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 13] = [
+const FORWARDED: [&str; 14] = [
     "demo",
     "reconstruct",
     "render",
+    "convert",
     "eval",
     "tradeoff",
     "paper",
@@ -73,6 +77,7 @@ fn main() -> ExitCode {
         Some(name) if FORWARDED.contains(&name) => forward(root, name, &rest),
         Some("test") => test::run(root, &rest),
         Some("browser-test") => browser::run(root, &rest, |folder| pages(root, folder)),
+        Some("format-test") => formats::run(root),
         Some("python-test") => python::run(root, &rest),
         Some("shader") => run::exit_code(cargo(SHADER).args(rest).current_dir(root).status()),
         Some("tidy") => run::all(root, &[TIDY]),

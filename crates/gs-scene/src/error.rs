@@ -93,8 +93,8 @@ pub enum Error {
     },
 }
 
-/// The rules of a 3DGS PLY file that can be broken.
-#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+/// The rules of a PLY file, and of one with 3D Gaussians, that can be broken.
+#[derive(Debug, thiserror::Error, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PlyRule {
     /// The first line is not `ply`.
@@ -103,13 +103,18 @@ pub enum PlyRule {
     /// The header does not end within the first 64 KiB.
     #[error("the header has no end_header line within its first 64 KiB")]
     HeaderEnd,
-    /// A header line that cannot be understood.
-    #[error("header line {line:?} is not understood")]
+    /// A header line that cannot be understood, or names an element or property for the second time.
+    #[error("header line {line} is not understood: {found:?}")]
     HeaderLine {
+        /// Which line, from 1.
+        line: u64,
         /// The line.
-        line: String,
+        found: String,
     },
-    /// A byte order that is not read.
+    /// The header says nothing about how numbers are written.
+    #[error("the header has no format line")]
+    NoFormat,
+    /// A way to write numbers that is unknown, or that is not read here.
     #[error("format {found:?} is not supported, expected binary_little_endian 1.0 or ascii 1.0")]
     Format {
         /// The format line's words.
@@ -118,9 +123,11 @@ pub enum PlyRule {
     /// No `element vertex` in the header, or it is not the first element.
     #[error("the first element must be \"vertex\"")]
     NoVertex,
-    /// A list property inside the vertex element.
-    #[error("vertex property {name:?} is a list, expected a scalar")]
+    /// A list where every row has one number.
+    #[error("{element} property {name:?} is a list, expected a number")]
     ListProperty {
+        /// Name of the element.
+        element: String,
         /// The property.
         name: String,
     },

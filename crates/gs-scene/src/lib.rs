@@ -9,6 +9,7 @@ mod lens;
 mod lock;
 mod maps;
 mod ply;
+mod ply_header;
 mod view;
 mod write;
 
@@ -22,6 +23,7 @@ pub use image::Image;
 pub use lens::{Distortion, Lens, LensModel, MAX_ASPECT_DEVIATION};
 pub use lock::lock_file;
 pub use maps::{DepthMap, FeatureMap};
-pub use ply::{encode_ply, read_ply, write_ply};
+pub use ply::{encode_ply, read_ply, read_ply_vertices, write_ply};
+pub use ply_header::{PlyElement, PlyEncoding, PlyHeader, PlyKind, PlyProperty, PlyScalar};
 pub use view::View;
 pub use write::{links, write_atomically};

@@ -1,13 +1,13 @@
-use crate::error::PlyRule;
 use crate::{
-    Error, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, Result, sh_coefficients, write_atomically,
+    Error, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, PlyEncoding, PlyHeader, PlyRule, PlyScalar, QUATERNION,
+    Result, sh_coefficients, write_atomically,
 };
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 
-/// Longest header that is read; a real one has some 2 KiB.
-const HEADER_LIMIT: u64 = 64 * 1024;
+/// Longest line of an ASCII file; a row of 62 numbers has some 1 KiB.
+const LINE_LIMIT: u64 = 64 * 1024;
 
 /// Property names of a file of the given SH degree, in the order of the original 3DGS writer.
 fn property_names(degree: usize) -> Vec<String> {
@@ -97,129 +97,6 @@ pub fn encode_ply(out: &mut dyn Write, gaussians: &Gaussians) -> std::io::Result
     Ok(())
 }
 
-/// Scalar types of the format.
-#[derive(Clone, Copy, PartialEq)]
-enum Scalar {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
-}
-
-impl Scalar {
-    fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "char" | "int8" => Self::I8,
-            "uchar" | "uint8" => Self::U8,
-            "short" | "int16" => Self::I16,
-            "ushort" | "uint16" => Self::U16,
-            "int" | "int32" => Self::I32,
-            "uint" | "uint32" => Self::U32,
-            "float" | "float32" => Self::F32,
-            "double" | "float64" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::F64 => 8,
-        }
-    }
-
-    fn decode(self, bytes: &[u8]) -> f32 {
-        fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {
-            let mut out = [0; N];
-            out.copy_from_slice(&bytes[..N]);
-            out
-        }
-        match self {
-            Self::I8 => f32::from(bytes[0].cast_signed()),
-            Self::U8 => f32::from(bytes[0]),
-            Self::I16 => f32::from(i16::from_le_bytes(array(bytes))),
-            Self::U16 => f32::from(u16::from_le_bytes(array(bytes))),
-            Self::I32 => i32::from_le_bytes(array(bytes)) as f32,
-            Self::U32 => u32::from_le_bytes(array(bytes)) as f32,
-            Self::F32 => f32::from_le_bytes(array(bytes)),
-            Self::F64 => f64::from_le_bytes(array(bytes)) as f32,
-        }
-    }
-}
-
-struct Header {
-    binary: bool,
-    vertices: u64,
-    properties: Vec<(Scalar, String)>,
-}
-
-fn read_header(reader: &mut impl BufRead) -> std::io::Result<std::result::Result<Header, PlyRule>> {
-    let mut limited = reader.take(HEADER_LIMIT);
-    let mut next_line = || -> std::io::Result<Option<String>> {
-        let mut bytes = Vec::new();
-        limited.read_until(b'\n', &mut bytes)?;
-        if bytes.pop() != Some(b'\n') {
-            return Ok(None);
-        }
-        Ok(Some(String::from_utf8_lossy(&bytes).trim_end_matches('\r').to_owned()))
-    };
-    if next_line()?.as_deref() != Some("ply") {
-        return Ok(Err(PlyRule::Magic));
-    }
-    let mut header = Header { binary: true, vertices: 0, properties: Vec::new() };
-    let (mut elements, mut formatted) = (0, false);
-    loop {
-        let Some(line) = next_line()? else {
-            return Ok(Err(PlyRule::HeaderEnd));
-        };
-        let words: Vec<&str> = line.split_ascii_whitespace().collect();
-        match words.as_slice() {
-            ["end_header"] => break,
-            ["comment" | "obj_info", ..] | [] => {}
-            ["format", format, "1.0"] if ["ascii", "binary_little_endian"].contains(format) => {
-                header.binary = *format != "ascii";
-                formatted = true;
-            }
-            ["format", found @ ..] => {
-                return Ok(Err(PlyRule::Format { found: found.join(" ") }));
-            }
-            ["element", name, count] => {
-                elements += 1;
-                if elements == 1 {
-                    let Ok(count) = count.parse() else {
-                        return Ok(Err(PlyRule::HeaderLine { line }));
-                    };
-                    if *name != "vertex" {
-                        return Ok(Err(PlyRule::NoVertex));
-                    }
-                    header.vertices = count;
-                }
-            }
-            // Elements behind the vertices (faces, say) are not read.
-            ["property", ..] if elements > 1 => {}
-            ["property", "list", _, _, name] => {
-                return Ok(Err(PlyRule::ListProperty { name: (*name).into() }));
-            }
-            ["property", kind, name] if elements == 1 => match Scalar::named(kind) {
-                Some(scalar) => header.properties.push((scalar, (*name).to_owned())),
-                None => return Ok(Err(PlyRule::HeaderLine { line })),
-            },
-            _ => return Ok(Err(PlyRule::HeaderLine { line })),
-        }
-    }
-    Ok(match (elements, formatted) {
-        (0, _) => Err(PlyRule::NoVertex),
-        (_, false) => Err(PlyRule::Format { found: String::new() }),
-        _ => Ok(header),
-    })
-}
-
 /// Reads a scene in the original 3DGS layout, binary little endian or ASCII. Columns are found by name; unknown ones
 /// are ignored; the SH degree follows from the number of `f_rest_*` columns.
 ///
@@ -228,22 +105,46 @@ fn read_header(reader: &mut impl BufRead) -> std::io::Result<std::result::Result
 /// the data that is there, not with what the header promises.
 pub fn read_ply(path: &Path) -> Result<Gaussians> {
     let io = |source| Error::Io { action: "read", path: path.to_path_buf(), source };
-    let broken = |rule| Error::Ply { path: path.to_path_buf(), rule };
     let mut reader = BufReader::with_capacity(1 << 20, File::open(path).map_err(io)?);
-    let header = read_header(&mut reader).map_err(io)?.map_err(broken)?;
+    let header = PlyHeader::read(&mut reader).map_err(io)?;
+    let header = header.map_err(|rule| Error::Ply { path: path.to_path_buf(), rule })?;
+    read_ply_vertices(path, &header, &mut reader)
+}
 
-    let rest = header.properties.iter().filter(|(_, name)| name.starts_with("f_rest_")).count();
+/// A number of the file as f32. An f32 keeps its bits, which a way through f64 may change (signalling NaN).
+fn number(scalar: PlyScalar, bytes: &[u8]) -> f32 {
+    let mut padded = [0; 8];
+    padded[..scalar.size()].copy_from_slice(&bytes[..scalar.size()]);
+    let [a, b, c, d, ..] = padded;
+    if scalar == PlyScalar::F32 { f32::from_le_bytes([a, b, c, d]) } else { scalar.decode(padded) as f32 }
+}
+
+/// Reads the Gaussians behind a header that was read already; `path` is named by errors.
+///
+/// # Errors
+/// Those of [`read_ply`].
+pub fn read_ply_vertices(path: &Path, header: &PlyHeader, reader: &mut impl BufRead) -> Result<Gaussians> {
+    let io = |source| Error::Io { action: "read", path: path.to_path_buf(), source };
+    let broken = |rule| Error::Ply { path: path.to_path_buf(), rule };
+    if header.encoding == PlyEncoding::BigEndian {
+        return Err(broken(PlyRule::Format { found: "binary_big_endian 1.0".into() }));
+    }
+    // Elements behind the vertices (faces, say) are not read.
+    let vertices = header.elements.first().filter(|element| element.name == "vertex");
+    let vertices = vertices.ok_or_else(|| broken(PlyRule::NoVertex))?;
+    let scalars = vertices.scalars().map_err(broken)?;
+    let names = || vertices.properties.iter().map(|property| property.name.as_str());
+
+    let rest = names().filter(|name| name.starts_with("f_rest_")).count();
     let Some(degree) = (0..=3).find(|&d| 3 * (sh_coefficients(d) - 1) == rest) else {
         return Err(broken(PlyRule::RestCount { found: rest }));
     };
     for needed in property_names(degree) {
-        let present = header.properties.iter().any(|(_, name)| *name == needed);
-        if !present && slot(&needed, degree).is_some() {
+        if vertices.column(&needed).is_none() && slot(&needed, degree).is_some() {
             return Err(broken(PlyRule::MissingProperty { name: needed }));
         }
     }
-    let slots: Vec<_> =
-        header.properties.iter().map(|(scalar, name)| (*scalar, slot(name, degree))).collect();
+    let slots: Vec<_> = scalars.into_iter().zip(names().map(|name| slot(name, degree))).collect();
 
     let (mut geometry, mut sh) = (Vec::new(), Vec::new());
     let mut geometry_row = [0.0; Gaussians::GEOMETRY];
@@ -251,23 +152,22 @@ pub fn read_ply(path: &Path) -> Result<Gaussians> {
     let row_bytes = slots.iter().map(|(scalar, _)| scalar.size()).sum();
     let (mut bytes, mut line) = (vec![0; row_bytes], Vec::new());
     let mut values = Vec::with_capacity(slots.len());
-    for vertex in 0..header.vertices {
-        let truncated = || broken(PlyRule::Truncated { promised: header.vertices, found: vertex });
+    for vertex in 0..vertices.count {
+        let truncated = || broken(PlyRule::Truncated { promised: vertices.count, found: vertex });
         values.clear();
-        if header.binary {
+        if header.encoding == PlyEncoding::LittleEndian {
             reader.read_exact(&mut bytes).map_err(|error| match error.kind() {
                 std::io::ErrorKind::UnexpectedEof => truncated(),
                 _ => io(error),
             })?;
             let mut rest = bytes.as_slice();
             for &(scalar, _) in &slots {
-                values.push(scalar.decode(rest));
+                values.push(number(scalar, rest));
                 rest = &rest[scalar.size()..];
             }
         } else {
             line.clear();
-            // A row of 62 numbers stays far below the header's limit, so one limit serves both.
-            (&mut reader).take(HEADER_LIMIT).read_until(b'\n', &mut line).map_err(io)?;
+            reader.by_ref().take(LINE_LIMIT).read_until(b'\n', &mut line).map_err(io)?;
             let text = String::from_utf8_lossy(&line);
             let mut words = text.split_ascii_whitespace();
             for _ in &slots {

@@ -197,23 +197,9 @@ pub enum MeshRule {
         /// The extension.
         found: String,
     },
-    /// The first line is not `ply`.
-    #[error("not a PLY file (the first line is not \"ply\")")]
-    PlyMagic,
-    /// The header does not end within the first 64 KiB.
-    #[error("the header has no end_header line within its first 64 KiB")]
-    PlyHeaderEnd,
-    /// A header line that cannot be understood, or names an element or property for the second time.
-    #[error("header line {line} is not understood: {found:?}")]
-    PlyHeaderLine {
-        /// Which line.
-        line: u64,
-        /// The line.
-        found: String,
-    },
-    /// The header says nothing about the byte order.
-    #[error("the header has no format line")]
-    PlyFormat,
+    /// The header of a PLY file breaks a rule.
+    #[error(transparent)]
+    Ply(gs_scene::PlyRule),
     /// Something that a mesh needs is not in the header.
     #[error("the header lacks {what}")]
     PlyMissing {

@@ -2,7 +2,6 @@
 
 mod obj;
 mod ply;
-mod ply_header;
 pub(crate) mod polygons;
 pub(crate) mod read;
 

@@ -19,14 +19,17 @@ use view_data::{Dataset, Format, open_all};
 /// Every picture and depth file is decoded. Photographs are matched without the poses. The matches are compared with the poses as read and with
 /// the usual misreadings (other axes, inverted matrices, a wrong focal length), which tells a wrong convention from bad data. Depth is compared
 /// with both. Scale, range, overlap and the layout of the cameras are measured.
+///
+/// INPUT may also be a scene (.ply, .compressed.ply, .spz, .splat, .glb): its format, extent, and Gaussians that cannot be drawn are told.
 #[derive(Debug, Args)]
 #[command(arg = crate::arguments::no_device(), after_help = "Examples:\n  \
     sparsesplat check-data data/fox\n  \
     sparsesplat check-data data/fox --report fox.html        also draw the layout of the cameras\n  \
-    sparsesplat check-data Replica --pairs 40                check every scene below a folder\n\n\
+    sparsesplat check-data Replica --pairs 40                check every scene below a folder\n  \
+    sparsesplat check-data scene.spz                         describe a scene of Gaussians\n\n\
     Exit codes: 0 no errors, 1 errors were found, 2 there is no data set to check.")]
 pub(crate) struct Arguments {
-    /// Folder of a data set, the file that describes it, or a folder of several data sets
+    /// Folder of a data set, the file that describes it, a folder of several data sets, or a scene of Gaussians
     input: PathBuf,
     /// Layout of the data set: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: recognised by its files]
     #[arg(long, value_name = "LAYOUT")]
@@ -61,6 +64,9 @@ struct Settings {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    if arguments.input.is_file() && splat_formats::Format::of_path(&arguments.input).is_some() {
+        return crate::check_scene::run(&arguments.input, common);
+    }
     let outputs = Outputs::of(common).with("--report", arguments.report.as_ref()).check()?;
     let found = open_all(&arguments.input, arguments.format).or_input()?;
     for scene in &found.scenes {

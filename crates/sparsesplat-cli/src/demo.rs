@@ -12,13 +12,14 @@ use report::{PictureLimits, Report, figures_table};
 use report_parts::Picture;
 use scene_windows::{SIMULATED_SIZE, SimulatedScene, simulated_window};
 use serde::Serialize;
+use splat_formats::Format;
 use std::path::PathBuf;
 use std::time::Instant;
 
 /// Simulate a scene, reconstruct it and compare with held-out views; nothing to download
 ///
 /// A courtyard is ray-traced. Six of the pictures are reconstructed; five more are held out and compared with renderings of
-/// the reconstruction. Writes scene.ply, images/, report.html (open it in a browser) and result.json.
+/// the reconstruction. Writes scene.ply (see --format), images/, report.html (open it in a browser) and result.json.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sparsesplat demo\n  sparsesplat demo --gaussians 150k -o out/demo150\n  sparsesplat demo --refine 60\n  \
@@ -28,6 +29,9 @@ pub(crate) struct Arguments {
     /// Output folder
     #[arg(short, long, value_name = "DIR", default_value = "out/demo")]
     output: PathBuf,
+    /// Format of the scene: ply, compressed.ply, spz, splat or glb
+    #[arg(long, value_name = "FORMAT", default_value = "ply", value_parser = output::parse_format)]
+    format: Format,
     /// Size of the simulated photographs
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
@@ -72,8 +76,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
     progress.say("writing");
     let begin = Instant::now();
-    let scene = arguments.output.join("scene.ply");
-    gs_scene::write_ply(&scene, &outcome.prediction.gaussians).or_work()?;
+    let scene = arguments.output.join(format!("scene.{}", arguments.format.extension()));
+    let gaussians = &outcome.prediction.gaussians;
+    output::write_scene(&scene, arguments.format, gaussians, |loss| progress.warn(loss))?;
     let seconds = &mut outcome.figures.figures.seconds;
     seconds.write = begin.elapsed().as_secs_f64();
     seconds.total += seconds.write;

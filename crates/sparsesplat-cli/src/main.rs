@@ -5,7 +5,9 @@ mod ablate;
 mod arguments;
 mod bench;
 mod check_data;
+mod check_scene;
 mod checkpoints;
+mod convert;
 mod datasets;
 mod demo;
 mod device;
@@ -48,6 +50,7 @@ Start here:
   sparsesplat demo                                         simulate a scene and reconstruct it; nothing to download
   sparsesplat reconstruct PHOTOS -o scene.ply              reconstruct your own posed photographs
   sparsesplat render scene.ply --cameras PHOTOS -o out     render a scene
+  sparsesplat convert scene.ply scene.spz                  change the file format of a scene
   sparsesplat eval --dataset nerfstudio --root PHOTOS      measure on held-out views
   sparsesplat tradeoff --quick --report tradeoff.html      measure what accuracy costs in time
   sparsesplat paper main runtime                           the paper's tables with our figures beside them
@@ -64,6 +67,7 @@ enum Command {
     Demo(demo::Arguments),
     Reconstruct(reconstruct::Arguments),
     Render(render::Arguments),
+    Convert(convert::Arguments),
     Eval(eval::Arguments),
     Tradeoff(tradeoff::Arguments),
     Paper(paper::Arguments),
@@ -101,6 +105,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Demo(arguments) => demo::run(arguments, common),
         Command::Reconstruct(arguments) => reconstruct::run(arguments, common),
         Command::Render(arguments) => render::run(arguments, common),
+        Command::Convert(arguments) => convert::run(arguments, common),
         Command::Eval(arguments) => eval::run(arguments, common),
         Command::Tradeoff(arguments) => tradeoff::run(arguments, common),
         Command::Paper(arguments) => paper::run(arguments, common),

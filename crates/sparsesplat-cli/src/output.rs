@@ -6,6 +6,7 @@ use crate::summary;
 use anyhow::Context;
 use gs_scene::{Gaussians, links};
 use serde::Serialize;
+use splat_formats::{Encoder, Format, Scene};
 use std::collections::HashMap;
 use std::ffi::OsStr;
 use std::fs;
@@ -147,9 +148,39 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Outcome {
     write_text(path, &(to_json(value)? + "\n"))
 }
 
-/// Writes a scene.
-pub(crate) fn write_scene(path: &Path, gaussians: &Gaussians) -> Outcome {
-    write(path, |out| gs_scene::encode_ply(out, gaussians))
+/// Reads the format of a scene as an argument says it: by its extension.
+pub(crate) fn parse_format(text: &str) -> Result<Format, String> {
+    let names = || Format::ALL.map(Format::extension).join(", ");
+    let named = |format: &Format| format.extension() == text;
+    Format::ALL.into_iter().find(named).ok_or_else(|| format!("expected {}", names()))
+}
+
+/// The format that a scene is written in: by the extension of its file; PLY without one, as on standard output.
+pub(crate) fn scene_format(path: &Path) -> Outcome<Format> {
+    let name = links(path).pop().unwrap_or_else(|| path.to_path_buf());
+    match [path, &name].into_iter().find_map(Format::of_path) {
+        Some(format) => Ok(format),
+        None if Place::of(path) == Place::StandardOutput || path.extension().is_none() => Ok(Format::Ply),
+        None => Err(splat_formats::Error::Extension { path: path.to_path_buf() }).or_input(),
+    }
+}
+
+/// Writes a scene; says first what its format does not keep.
+pub(crate) fn write_scene(path: &Path, format: Format, gaussians: &Gaussians, say: impl Fn(&str)) -> Outcome {
+    let encoder = Encoder::new(gaussians, format).or_work()?;
+    for loss in encoder.losses() {
+        say(&format!("{}: {loss}", named(path)));
+    }
+    write(path, |out| encoder.encode(out))
+}
+
+/// Reads a scene in any format, and warns of what else its file says.
+pub(crate) fn read_scene(path: &Path) -> Outcome<Scene> {
+    let scene = splat_formats::read_scene(path).or_input()?;
+    for remark in &scene.remarks {
+        summary::warn(&format!("{}: {remark}", path.display()));
+    }
+    Ok(scene)
 }
 
 /// How a path is called where it is said.

@@ -26,6 +26,7 @@ use view_data::Format;
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat reconstruct data/fox -o fox.ply\n  \
+    sparsesplat reconstruct data/fox -o fox.spz                         an eighth of the size, for viewers\n  \
     sparsesplat reconstruct data/fox --views 8 --gaussians 150k -o fox.ply --report fox.html\n  \
     sparsesplat reconstruct data/fox --index data/fox/evaluation_index.json --window fox/1 -o fox.ply\n  \
     sparsesplat reconstruct data/fox --refine 60 -o fox.ply             better by some dB, in some more seconds\n  \
@@ -37,8 +38,8 @@ pub(crate) struct Arguments {
     /// Layout of the data set: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: recognised by its files]
     #[arg(long, value_name = "LAYOUT")]
     format: Option<Format>,
-    /// Scene to write: a PLY file in the layout of 3D Gaussian splatting
-    #[arg(short, long, value_name = "PLY")]
+    /// Scene to write: .ply (keeps every bit), .compressed.ply, .spz, .splat or .glb; `convert --help` says what each keeps
+    #[arg(short, long, value_name = "SCENE")]
     output: PathBuf,
     /// Number of photographs to use
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6, conflicts_with = "index")]
@@ -92,6 +93,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     .or_input()?;
     outputs.spare(plan.files().iter().map(PathBuf::as_path))?;
     outputs.spare(arguments.index.as_deref().into_iter().chain(arguments.pipeline.source.files()))?;
+    let format = output::scene_format(&arguments.output)?;
     let mut method = arguments.pipeline.method(arguments.seed, &common.given)?;
     method.predict.depth_range = plan.depth_range(method.predict.depth_range);
 
@@ -111,7 +113,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     .map_err(Failure::sorted)?;
     progress.say("writing");
     let begin = Instant::now();
-    output::write_scene(&arguments.output, &outcome.prediction.gaussians)?;
+    let gaussians = &outcome.prediction.gaussians;
+    output::write_scene(&arguments.output, format, gaussians, |loss| progress.warn(loss))?;
     let seconds = &mut outcome.figures.figures.seconds;
     seconds.write = begin.elapsed().as_secs_f64();
     seconds.total += seconds.write;

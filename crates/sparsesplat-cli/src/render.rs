@@ -25,7 +25,7 @@ use view_data::Dataset;
 #[command(after_help = "Examples:\n  sparsesplat render scene.ply --cameras data/fox -o out/fox\n  \
                         sparsesplat render scene.ply --cameras data/fox --positions 0,7,20 --size 960x540 -o out/fox")]
 pub(crate) struct Arguments {
-    /// Scene: a PLY file in the layout of 3D Gaussian splatting
+    /// Scene: PLY, compressed PLY, SPZ, .splat or glTF (.glb), recognised by its content
     scene: PathBuf,
     /// Data set whose cameras to render from, of any layout (its photographs are not read)
     #[arg(long, value_name = "INPUT")]
@@ -66,7 +66,7 @@ struct ViewRecord {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    let gaussians = gs_scene::read_ply(&arguments.scene).or_input()?;
+    let gaussians = output::read_scene(&arguments.scene)?.gaussians;
     let dataset = view_data::open(&arguments.cameras, None).or_input()?;
     let cameras = cameras(arguments, &dataset)?;
     if let Some(offset) = dataset.offset {

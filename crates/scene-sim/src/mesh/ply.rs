@@ -1,11 +1,11 @@
 //! Meshes in PLY files (Stanford polygon format): ASCII, and binary of either byte order.
 
-use super::ply_header::{Element, Encoding, Kind, Property, Scalar, read_header};
 use super::polygons::Triangles;
 use super::read::{FileError, Unused};
 use crate::MeshRule;
 use crate::texture::linear;
 use glam::{DVec2, DVec3, Vec3};
+use gs_scene::{PlyElement, PlyEncoding, PlyHeader, PlyKind, PlyProperty, PlyScalar};
 use std::io::BufRead;
 
 /// The longest word of an ASCII file; a number has some twenty letters.
@@ -22,11 +22,11 @@ pub(super) fn read_ply(
     size: u64,
     unused: &mut Unused,
 ) -> Result<Triangles, FileError> {
-    let header = read_header(reader)??;
-    let promised: u128 = header.elements.iter().map(|element| element.least_bytes(header.encoding)).sum();
+    let header = PlyHeader::read(reader)?.map_err(MeshRule::Ply)?;
+    let promised: u128 = header.elements.iter().map(|element| least_bytes(element, header.encoding)).sum();
     let found = size.saturating_sub(header.bytes);
     // The last word of an ASCII file needs no space behind it.
-    if promised > u128::from(found) + u128::from(header.encoding == Encoding::Ascii) {
+    if promised > u128::from(found) + u128::from(header.encoding == PlyEncoding::Ascii) {
         let promised = u64::try_from(promised).unwrap_or(u64::MAX);
         return Err(MeshRule::PlySize { promised, found }.into());
     }
@@ -69,37 +69,59 @@ enum Use {
 }
 
 /// Finds the columns with these names.
-fn columns<const N: usize>(properties: &[Property], names: [&str; N]) -> Option<[usize; N]> {
+fn columns<const N: usize>(properties: &[PlyProperty], names: [&str; N]) -> Option<[usize; N]> {
     let found = names.map(|name| properties.iter().position(|property| property.name == name));
     found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
 }
 
 /// What is done with each column of the vertices.
-fn uses(properties: &[Property]) -> Result<Vec<Option<Use>>, MeshRule> {
+fn uses(properties: &[PlyProperty]) -> Result<Vec<Option<Use>>, MeshRule> {
     let mut uses = vec![None; properties.len()];
     let position = columns(properties, ["x", "y", "z"])
         .ok_or(MeshRule::PlyMissing { what: "vertex properties x, y, z" })?;
     position.into_iter().enumerate().for_each(|(k, column)| uses[column] = Some(Use::Position(k)));
     for (k, column) in columns(properties, ["red", "green", "blue"]).into_iter().flatten().enumerate() {
-        let Kind::Scalar(scalar) = properties[column].kind else { continue };
-        uses[column] = Some(Use::Colour(k, scalar.full()));
+        let PlyKind::Scalar(scalar) = properties[column].kind else { continue };
+        uses[column] = Some(Use::Colour(k, full(scalar)));
     }
     let pairs = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
     if let Some(pair) = pairs.into_iter().find_map(|names| columns(properties, names)) {
         pair.into_iter().enumerate().for_each(|(k, column)| uses[column] = Some(Use::Coordinate(k)));
     }
     for (property, used) in properties.iter().zip(&uses) {
-        if used.is_some() && matches!(property.kind, Kind::List(..)) {
+        if used.is_some() && matches!(property.kind, PlyKind::List(..)) {
             return Err(MeshRule::PlyList { name: property.name.clone() });
         }
     }
     Ok(uses)
 }
 
+/// The fewest bytes that an element can take: lists may be empty, and a word needs a space.
+fn least_bytes(element: &PlyElement, encoding: PlyEncoding) -> u128 {
+    let least = |property: &PlyProperty| match (encoding, property.kind) {
+        (PlyEncoding::Ascii, _) => 2,
+        (_, PlyKind::Scalar(scalar) | PlyKind::List(scalar, _)) => scalar.size() as u128,
+    };
+    u128::from(element.count) * element.properties.iter().map(least).sum::<u128>()
+}
+
+/// The number of which a colour channel is a share: the largest of an integer type, 1 for the others.
+fn full(scalar: PlyScalar) -> f64 {
+    match scalar {
+        PlyScalar::I8 => i8::MAX.into(),
+        PlyScalar::U8 => u8::MAX.into(),
+        PlyScalar::I16 => i16::MAX.into(),
+        PlyScalar::U16 => u16::MAX.into(),
+        PlyScalar::I32 => i32::MAX.into(),
+        PlyScalar::U32 => u32::MAX.into(),
+        PlyScalar::F32 | PlyScalar::F64 => 1.0,
+    }
+}
+
 /// The numbers of a file, one after the other.
 struct Values<'a, R> {
     reader: &'a mut R,
-    encoding: Encoding,
+    encoding: PlyEncoding,
 }
 
 /// Why there is no next number.
@@ -117,7 +139,7 @@ impl From<std::io::Error> for Stop {
 
 impl Stop {
     /// The error, if it happened in this element.
-    fn within(self, element: &Element, index: u64) -> FileError {
+    fn within(self, element: &PlyElement, index: u64) -> FileError {
         let name = element.name.clone();
         match self {
             Self::End => {
@@ -131,20 +153,20 @@ impl Stop {
 
 impl<R: BufRead> Values<'_, R> {
     #[inline]
-    fn next(&mut self, scalar: Scalar) -> Result<f64, Stop> {
-        if self.encoding == Encoding::Ascii {
+    fn next(&mut self, scalar: PlyScalar) -> Result<f64, Stop> {
+        if self.encoding == PlyEncoding::Ascii {
             return self.next_word(scalar);
         }
         let mut bytes = [0; 8];
         let size = scalar.size();
         self.reader.read_exact(&mut bytes[..size])?;
-        if self.encoding == Encoding::BigEndian {
+        if self.encoding == PlyEncoding::BigEndian {
             bytes[..size].reverse();
         }
         Ok(scalar.decode(bytes))
     }
 
-    fn next_word(&mut self, scalar: Scalar) -> Result<f64, Stop> {
+    fn next_word(&mut self, scalar: PlyScalar) -> Result<f64, Stop> {
         let mut word = Vec::with_capacity(24);
         loop {
             let buffer = self.reader.fill_buf()?;
@@ -172,7 +194,7 @@ impl<R: BufRead> Values<'_, R> {
         value.ok_or_else(|| Stop::Word(String::from_utf8_lossy(&word).into_owned()))
     }
 
-    fn vertices(&mut self, element: &Element, triangles: &mut Triangles) -> Result<(), FileError> {
+    fn vertices(&mut self, element: &PlyElement, triangles: &mut Triangles) -> Result<(), FileError> {
         let uses = uses(&element.properties)?;
         let has = |wanted: fn(&Use) -> bool| uses.iter().flatten().any(wanted);
         let (coloured, mapped) =
@@ -186,7 +208,7 @@ impl<R: BufRead> Values<'_, R> {
         for vertex in 0..element.count {
             let (mut position, mut colour, mut coordinate) = (DVec3::ZERO, Vec3::ZERO, DVec2::ZERO);
             for (property, used) in element.properties.iter().zip(&uses) {
-                let Kind::Scalar(scalar) = property.kind else {
+                let PlyKind::Scalar(scalar) = property.kind else {
                     self.pass_property(property).map_err(|stop| stop.within(element, vertex))?;
                     continue;
                 };
@@ -216,13 +238,13 @@ impl<R: BufRead> Values<'_, R> {
         Ok(())
     }
 
-    fn faces(&mut self, element: &Element, triangles: &mut Triangles) -> Result<(), FileError> {
+    fn faces(&mut self, element: &PlyElement, triangles: &mut Triangles) -> Result<(), FileError> {
         let is_indices =
-            |property: &&Property| ["vertex_indices", "vertex_index"].contains(&property.name.as_str());
+            |property: &&PlyProperty| ["vertex_indices", "vertex_index"].contains(&property.name.as_str());
         let indices = element.properties.iter().find(is_indices);
-        let Some(Kind::List(_, item)) = indices.map(|property| property.kind).filter(|kind| match kind {
-            Kind::List(_, item) => item.is_integer(),
-            Kind::Scalar(_) => false,
+        let Some(PlyKind::List(_, item)) = indices.map(|property| property.kind).filter(|kind| match kind {
+            PlyKind::List(_, item) => item.is_integer(),
+            PlyKind::Scalar(_) => false,
         }) else {
             return Err(
                 MeshRule::PlyMissing { what: "a face property vertex_indices, a list of integers" }.into()
@@ -234,7 +256,7 @@ impl<R: BufRead> Values<'_, R> {
         for face in 0..element.count {
             for property in &element.properties {
                 match property.kind {
-                    Kind::List(length, _) if is_indices(&property) => {
+                    PlyKind::List(length, _) if is_indices(&property) => {
                         let count = self.next(length).map_err(|stop| stop.within(element, face))?;
                         if !(3.0..=MOST_CORNERS).contains(&count) {
                             return Err(MeshRule::PlyLength { face, found: count as i64 }.into());
@@ -259,7 +281,7 @@ impl<R: BufRead> Values<'_, R> {
     }
 
     /// Passes over an element that is not used.
-    fn pass(&mut self, element: &Element) -> Result<(), FileError> {
+    fn pass(&mut self, element: &PlyElement) -> Result<(), FileError> {
         // Nothing is written for an element without properties, however many there are.
         let count = if element.properties.is_empty() { 0 } else { element.count };
         for index in 0..count {
@@ -270,10 +292,10 @@ impl<R: BufRead> Values<'_, R> {
         Ok(())
     }
 
-    fn pass_property(&mut self, property: &Property) -> Result<(), Stop> {
+    fn pass_property(&mut self, property: &PlyProperty) -> Result<(), Stop> {
         match property.kind {
-            Kind::Scalar(scalar) => self.next(scalar).map(|_| ()),
-            Kind::List(length, item) => {
+            PlyKind::Scalar(scalar) => self.next(scalar).map(|_| ()),
+            PlyKind::List(length, item) => {
                 let count = self.next(length)?;
                 if count < 0.0 {
                     return Err(Stop::Word(format!("a list of {count}")));
@@ -291,7 +313,7 @@ impl<R: BufRead> Values<'_, R> {
             if buffer.is_empty() {
                 return Ok(count);
             }
-            let blank = |byte: &&u8| self.encoding == Encoding::Ascii && byte.is_ascii_whitespace();
+            let blank = |byte: &&u8| self.encoding == PlyEncoding::Ascii && byte.is_ascii_whitespace();
             count += (buffer.len() - buffer.iter().filter(blank).count()) as u64;
             let taken = buffer.len();
             self.reader.consume(taken);

@@ -231,7 +231,7 @@ fn the_demo_writes_scene_pictures_and_report() {
 
 #[test]
 fn help_teaches_and_the_doctor_passes() {
-    for command in ["demo", "reconstruct", "render", "eval", "bench"] {
+    for command in ["demo", "reconstruct", "render", "convert", "eval", "bench"] {
         let help = call(&[command, "--help"]).succeeded().stdout;
         assert!(help.contains("Examples:") && help.contains(&format!("sparsesplat {command}")), "{help}");
     }

@@ -6,6 +6,7 @@ mod benches;
 mod data;
 mod depthsplat;
 mod devices;
+mod formats;
 mod hostile;
 mod jobs;
 mod lpips;

@@ -180,14 +180,9 @@ pub enum FormatRule {
         /// The name.
         name: String,
     },
-    /// A line of a PLY file's header that makes no sense there.
-    #[error("{found:?} in the header, expected {expected}")]
-    Header {
-        /// The line, cut off after some characters.
-        found: String,
-        /// What should stand there.
-        expected: &'static str,
-    },
+    /// The header of a PLY file breaks a rule.
+    #[error(transparent)]
+    Ply(#[from] gs_scene::PlyRule),
     /// A PLY file whose vertices lack a coordinate.
     #[error("vertex has no property {name}")]
     NoProperty {

@@ -27,7 +27,7 @@ const MAX_LINE: usize = 1 << 26;
 impl Lines {
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let file = super::open(path).map_err(unreadable(path))?;
-        Ok(Self { path: path.to_path_buf(), inner: BufReader::new(file), buffer: Vec::new(), number: 0 })
+        Ok(Self::behind(path, BufReader::new(file), 0))
     }
 
     /// The next line, whatever it holds.
@@ -50,9 +50,9 @@ impl Lines {
         Ok(Some(Line { path: &self.path, number: self.number, text: text.trim() }))
     }
 
-    /// Gives up the file, at the first byte after the last line.
-    pub(crate) fn into_inner(self) -> BufReader<File> {
-        self.inner
+    /// The lines behind the first so many, which were read already.
+    pub(crate) fn behind(path: &Path, inner: BufReader<File>, number: usize) -> Self {
+        Self { path: path.to_path_buf(), inner, buffer: Vec::new(), number }
     }
 
     /// The next line that is neither empty nor a comment (`#`).

@@ -42,15 +42,15 @@ fn points_of_a_ply_file_are_read_when_asked_for() {
     }
     for (text, expected) in [
         (header("binary_little_endian", "1152921504606846976"), "1152921504606846976 vertices announced"),
-        (header("ascii", "-1"), "line 4: count of the element is \"-1\""),
+        (header("ascii", "-1"), "header line 4 is not understood: \"element vertex -1\""),
         (header("ascii", "1") + "1 2 nan 0 0 0\n", "line 14: position of a point is NaN"),
         (header("ascii", "1") + "1 2 3 0 0 300\n", "line 14: colour is 300"),
-        ("plx\n".to_owned(), "line 1: \"plx\" in the header, expected ply"),
-        ("ply\nformat text 1.0\n".to_owned(), "line 2: \"format text 1.0\" in the header"),
+        ("plx\n".to_owned(), "not a PLY file"),
+        ("ply\nformat text 1.0\n".to_owned(), "format \"text 1.0\" is not supported"),
         (header("ascii", "1").replace("float x", "float u"), "has no property x"),
         (
             header("ascii", "1").replace("property double z", "property list uchar int z"),
-            "in the header, expected",
+            "vertex property \"z\" is a list",
         ),
     ] {
         write(text.as_bytes());
