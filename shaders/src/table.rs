@@ -15,7 +15,7 @@ pub struct Table {
     /// Entry points with their overrides.
     pipelines: Vec<Pipeline>,
     /// Views, by name.
-    views: BTreeMap<&'static str, ViewTable>,
+    views: BTreeMap<String, ViewTable>,
     frame: FrameTable,
     counters: Slots,
     /// Numbers of a row of the buffer `geometry`.
@@ -87,7 +87,7 @@ struct Slots {
 impl Table {
     /// The table of some views, each with its name.
     #[must_use]
-    pub fn new(views: &[(&'static str, View)]) -> Self {
+    pub fn new(views: Vec<(String, View)>) -> Self {
         let mut table = Self {
             modules: BTreeMap::new(),
             pipelines: Vec::new(),
@@ -101,10 +101,10 @@ impl Table {
         for (name, view) in views {
             let commands = view.commands.iter().map(|command| CommandTable {
                 tile_bit: command.tile_bit,
-                action: table.action(view, &command.action),
+                action: table.action(&view, &command.action),
             });
             let commands = commands.collect();
-            table.views.insert(name, ViewTable { buffers: view.buffers.clone(), commands });
+            table.views.insert(name, ViewTable { buffers: view.buffers, commands });
         }
         table
     }

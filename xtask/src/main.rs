@@ -23,6 +23,7 @@ Commands of the product (built in release, arguments passed on; each has --help)
   demo         simulate a scene, reconstruct it, render views it never saw, write a report
   reconstruct  posed photographs to a 3D Gaussian scene
   render       a scene to pictures
+  view         a scene to a page that shows it in the browser
   eval         the tables: PSNR, SSIM, Gaussians and time on data sets
   tradeoff     what accuracy costs in time: one method varied along one axis at a time
   paper        the paper's tables, with what is measured here beside
@@ -38,7 +39,8 @@ Checks for developers:
   test         every test (dev profile); arguments go to `cargo test`
   test --gpu   those that need a graphics adapter as well; a software one does, without any it fails
   browser-test [PAGE ...]
-               reports in a real browser (Chromium): plots, pictures, sliders, console; without a page it makes them first
+               reports in a real browser (Chromium): plots, pictures, sliders, console; without a page it makes them first, and
+               checks the viewer: frames against gs-raster and gs-reference, controls, times
   python-test [--torch] [ARGUMENTS OF PYTEST]
                the Python module: wheel, fresh environment, pytest, and with torch its example
   shader NAME  a shader as it is compiled; without a name it lists them
@@ -47,10 +49,11 @@ Checks for developers:
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 13] = [
+const FORWARDED: [&str; 14] = [
     "demo",
     "reconstruct",
     "render",
+    "view",
     "eval",
     "tradeoff",
     "paper",

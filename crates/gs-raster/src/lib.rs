@@ -14,7 +14,7 @@ pub mod gpu;
 
 pub use error::{Error, Result};
 pub use gradients::{Gradients, PixelGradients, PoseGradient};
-pub use near::near_plane;
+pub use near::{NEAR_SAMPLE, NEAR_SHARE, near_plane};
 pub use rasterizer::{Device, Rasterizer, Tape};
 pub use render::{RenderStats, Rendering, StageSeconds, TILE};
-pub use settings::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, Style};
+pub use settings::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, SLOPE_MARGIN, Style};
