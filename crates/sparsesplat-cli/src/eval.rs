@@ -184,7 +184,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     if let Some(path) = &arguments.report {
         report.headline(&evaluation.mean.figures, peak);
-        let viewer = viewer.map(|(name, written)| written.map(|(link, size)| (name, link, size))).transpose()?;
+        let viewer =
+            viewer.map(|(name, written)| written.map(|(link, size)| (name, link, size))).transpose()?;
         if let (Some(page), Some((name, link, size))) = (&page, &viewer) {
             report.viewer(name, link, size);
             print_line(&format!("viewer     {}, {size}", named(page)));

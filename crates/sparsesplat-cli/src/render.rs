@@ -25,7 +25,8 @@ use view_data::Dataset;
 /// with --ellipsoids NAME-ellipsoids.png. With --path it writes frame-00000.png and so on for a moving camera, and path.mp4 if ffmpeg is on the PATH.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  sparsesplat render scene.ply --cameras data/fox -o out/fox\n  \
-                        X
+                        sparsesplat render scene.ply --cameras data/fox --positions 0,7,20 --size 960x540 -o out/fox\n  \
+                        sparsesplat render scene.ply --cameras data/fox --path orbit --frames 90 -o out/fox")]
 pub(crate) struct Arguments {
     /// Scene: a PLY file in the layout of 3D Gaussian splatting
     scene: PathBuf,
@@ -154,7 +155,8 @@ fn render_path(
 ) -> Outcome {
     let stops: Vec<Camera> = cameras.iter().map(|(_, camera)| *camera).collect();
     let cameras = path.cameras(&stops, gaussians, arguments.frames)?;
-    let mut files: Vec<PathBuf> = (0..cameras.len()).map(|i| video::frame_file(&arguments.output, i)).collect();
+    let mut files: Vec<PathBuf> =
+        (0..cameras.len()).map(|i| video::frame_file(&arguments.output, i)).collect();
     files.push(video::video_file(&arguments.output));
     let read = dataset.files();
     files

@@ -25,7 +25,12 @@ pub(crate) enum PathName {
 
 impl PathName {
     /// The cameras of the path.
-    pub(crate) fn cameras(self, cameras: &[Camera], gaussians: &Gaussians, frames: usize) -> Outcome<Vec<Camera>> {
+    pub(crate) fn cameras(
+        self,
+        cameras: &[Camera],
+        gaussians: &Gaussians,
+        frames: usize,
+    ) -> Outcome<Vec<Camera>> {
         match self {
             Self::Orbit => viewer::around(cameras, gaussians, frames),
             Self::Cameras => viewer::along(cameras, frames),
@@ -76,7 +81,16 @@ pub(crate) fn encode(folder: &Path) -> Outcome<Option<PathBuf>> {
         .args(["-nostdin", "-loglevel", "error", "-y", "-framerate", &RATE.to_string(), "-i"])
         .arg(folder.join("frame-%05d.png"))
         // Players want even sizes and this pixel format.
-        .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4"])
+        .args([
+            "-vf",
+            "pad=ceil(iw/2)*2:ceil(ih/2)*2",
+            "-pix_fmt",
+            "yuv420p",
+            "-movflags",
+            "+faststart",
+            "-f",
+            "mp4",
+        ])
         .arg(&unfinished)
         .stdin(Stdio::null())
         .output()

@@ -63,7 +63,8 @@ struct Record {
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let gaussians = gs_scene::read_ply(&arguments.scene).or_input()?;
-    let dataset = arguments.cameras.as_deref().map(|input| view_data::open(input, None)).transpose().or_input()?;
+    let dataset =
+        arguments.cameras.as_deref().map(|input| view_data::open(input, None)).transpose().or_input()?;
     let default = arguments.scene.with_extension("html");
     let path = arguments.output.as_ref().unwrap_or(&default);
     let outputs = Outputs::of(common).with("--output", (!arguments.serve).then_some(path)).check()?;
@@ -77,7 +78,11 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             progress.say("reading photographs");
             shots(dataset, arguments.photographs)?
         }
-        None => vec![Shot { name: "overview".into(), camera: viewer::overview(&gaussians).or_work()?, photograph: None }],
+        None => vec![Shot {
+            name: "overview".into(),
+            camera: viewer::overview(&gaussians).or_work()?,
+            photograph: None,
+        }],
     };
     progress.say("rendering pictures for browsers without WebGPU");
     let mut stills = Vec::new();
@@ -98,7 +103,11 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&format!("cameras    {}, {photographs} with their photographs", shots.len()));
     if let Some(server) = server {
         let (html, scene) = page.html_beside("scene.bin").or_work()?;
-        print_line(&format!("page       {} on {}; Ctrl-C ends it", size(html.len() + scene.len()), server.address()));
+        print_line(&format!(
+            "page       {} on {}; Ctrl-C ends it",
+            size(html.len() + scene.len()),
+            server.address()
+        ));
         return server.run(&html, &scene).or_work();
     }
     let html = page.html().or_work()?;
@@ -107,7 +116,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     if let Some(path) = &common.json {
         let recipe = crate::recipe(0, ());
         let (cameras, bytes) = (shots.len(), html.len());
-        output::write_json(path, &Record { recipe, gaussians: gaussians.len(), cameras, photographs, bytes })?;
+        output::write_json(
+            path,
+            &Record { recipe, gaussians: gaussians.len(), cameras, photographs, bytes },
+        )?;
     }
     Ok(())
 }
@@ -149,7 +161,15 @@ fn page<'a>(
     stills: &'a [Still],
     precision: Precision,
 ) -> Page<'a> {
-    Page { title, gaussians, shots, stills, settings: RenderSettings::default(), near: Near::OfScene, precision }
+    Page {
+        title,
+        gaussians,
+        shots,
+        stills,
+        settings: RenderSettings::default(),
+        near: Near::OfScene,
+        precision,
+    }
 }
 
 /// Every camera of a data set, some of them with their photographs.

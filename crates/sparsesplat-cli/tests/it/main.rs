@@ -18,3 +18,4 @@ mod settings;
 mod tiny;
 mod tradeoff;
 mod training;
+mod viewing;
