@@ -171,7 +171,7 @@ fn render_path(
     let rejected = video::write_frames(&mut rasterizer, gaussians, &cameras, ellipsoids, &arguments.output)?;
     let seconds = begin.elapsed().as_secs_f64();
     warn_of_rejected(arguments, rejected, gaussians.len());
-    let made = video::encode(&arguments.output)?;
+    let made = video::encode(&arguments.output, cameras.len())?;
     files.truncate(cameras.len());
     files.extend(made.clone());
     let peak = peak_rss_bytes();

@@ -3,6 +3,7 @@
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::Progress;
 use crate::summary::warn;
+use anyhow::Context;
 use clap::ValueEnum;
 use evaluate::{Picture, render_ellipsoids, render_view};
 use gs_raster::Rasterizer;
@@ -70,41 +71,49 @@ pub(crate) fn write_frames(
     Ok(rejected)
 }
 
-/// Makes a video of the frames. Without ffmpeg there is none, and that is told.
-pub(crate) fn encode(folder: &Path) -> Outcome<Option<PathBuf>> {
+/// Makes a video of so many frames. Without ffmpeg there is none, and that is told.
+pub(crate) fn encode(folder: &Path, frames: usize) -> Outcome<Option<PathBuf>> {
+    const UNFINISHED: &str = ".path.mp4";
     let Some(ffmpeg) = ffmpeg() else {
         warn("no video: ffmpeg is not on the PATH; the frames are there as pictures");
         return Ok(None);
     };
-    let (path, unfinished) = (video_file(folder), folder.join(".path.mp4"));
+    // In the folder, whose name may have a % that ffmpeg would take for a pattern. There may be more frames of an earlier run.
     let output = Command::new(&ffmpeg)
-        .args(["-nostdin", "-loglevel", "error", "-y", "-framerate", &RATE.to_string(), "-i"])
-        .arg(folder.join("frame-%05d.png"))
-        // Players want even sizes and this pixel format.
         .args([
-            "-vf",
-            "pad=ceil(iw/2)*2:ceil(ih/2)*2",
-            "-pix_fmt",
-            "yuv420p",
-            "-movflags",
-            "+faststart",
-            "-f",
-            "mp4",
+            "-nostdin",
+            "-loglevel",
+            "error",
+            "-y",
+            "-framerate",
+            &RATE.to_string(),
+            "-i",
+            "frame-%05d.png",
         ])
-        .arg(&unfinished)
+        .args(["-frames:v", &frames.to_string()])
+        // Players want even sizes and this pixel format.
+        .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-movflags", "+faststart"])
+        .args(["-f", "mp4", UNFINISHED])
+        .current_dir(folder)
         .stdin(Stdio::null())
         .output()
+        .with_context(|| format!("{}: cannot be run", ffmpeg.display()))
         .or_work()?;
+    let (path, unfinished) = (video_file(folder), folder.join(UNFINISHED));
     if !output.status.success() {
+        // It may not have begun the file.
         let _ = std::fs::remove_file(&unfinished);
         let said = String::from_utf8_lossy(&output.stderr);
         return Err(Failure::work(format!("{}: cannot make the video: {}", ffmpeg.display(), said.trim())));
     }
-    std::fs::rename(&unfinished, &path).or_work()?;
+    std::fs::rename(&unfinished, &path).with_context(|| path.display().to_string()).or_work()?;
     Ok(Some(path))
 }
 
+/// The first ffmpeg on the PATH, by its absolute path.
 fn ffmpeg() -> Option<PathBuf> {
     let name = format!("ffmpeg{}", env::consts::EXE_SUFFIX);
-    env::split_paths(&env::var_os("PATH")?).map(|folder| folder.join(&name)).find(|path| path.is_file())
+    let found =
+        env::split_paths(&env::var_os("PATH")?).map(|folder| folder.join(&name)).find(|path| path.is_file());
+    std::path::absolute(found?).ok()
 }

@@ -1,13 +1,14 @@
 //! `view`: a scene as a page that draws it in the browser.
 
-use crate::arguments::{Common, no_device};
+use crate::arguments::Common;
+use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::output::{self, Outputs, named};
 use crate::progress::Progress;
 use crate::summary::{print_line, warn};
 use clap::Args;
 use evaluate::{Picture, Recipe, Rendered, Window, count, render_view};
-use gs_raster::{Rasterizer, RenderSettings};
+use gs_raster::RenderSettings;
 use gs_scene::{Camera, Gaussians, Image};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -15,19 +16,21 @@ use view_data::Dataset;
 use viewer::{Near, Page, Precision, Server, Shot, Still};
 
 /// Width of photographs in a page, and of the pictures for browsers without WebGPU, pixels.
-const WIDTH: u32 = 480;
+const WIDTH: u32 = 400;
 /// Quality of their JPEGs.
-const QUALITY: u8 = 80;
+const QUALITY: u8 = 75;
 /// Pictures for browsers without WebGPU.
 const STILLS: usize = 3;
 
 /// Write a page that shows a scene in the browser, on WebGPU
 ///
-/// The page is one file that needs no network. It starts at the first camera of --cameras. Browsers without WebGPU show pictures that are rendered here, on the CPU.
+/// The page is one file that needs no network. It starts at the first camera of --cameras. Browsers without WebGPU show pictures that are rendered here.
 #[derive(Debug, Args)]
-#[command(mut_arg("device", |_| no_device()), after_help = "Examples:\n  sparsesplat view scene.ply                              writes scene.html\n  \
+#[command(
+    after_help = "Examples:\n  sparsesplat view scene.ply                              writes scene.html\n  \
                         sparsesplat view scene.ply --cameras data/fox -o fox.html\n  \
-                        sparsesplat view scene.ply --cameras data/fox --serve")]
+                        sparsesplat view scene.ply --cameras data/fox --serve"
+)]
 pub(crate) struct Arguments {
     /// Scene: a PLY file in the layout of 3D Gaussian splatting
     scene: PathBuf,
@@ -44,7 +47,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     exact: bool,
     /// Serve the page on 127.0.0.1 instead of writing it, until Ctrl-C
-    #[arg(long, conflicts_with_all = ["output", "json"])]
+    #[arg(long, conflicts_with = "output")]
     serve: bool,
     /// Port of --serve; 0 takes any free port
     #[arg(long, default_value_t = 8000, requires = "serve")]
@@ -59,9 +62,14 @@ struct Record {
     cameras: usize,
     photographs: usize,
     bytes: usize,
+    /// What rendered the pictures for browsers without WebGPU.
+    device: UsedDevice,
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    if arguments.serve {
+        common.given.refuse(&["json"], "--serve writes no file")?;
+    }
     let gaussians = gs_scene::read_ply(&arguments.scene).or_input()?;
     let dataset =
         arguments.cameras.as_deref().map(|input| view_data::open(input, None)).transpose().or_input()?;
@@ -85,13 +93,14 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         }],
     };
     progress.say("rendering pictures for browsers without WebGPU");
+    let mut rasterizer = device::rasterizer(common.device)?;
     let mut stills = Vec::new();
     for i in evenly(shots.len(), STILLS) {
         let Shot { name, camera, .. } = &shots[i];
         let lens = camera.intrinsics();
         let (width, height) = within(lens.width, lens.height);
         let camera = camera.with_intrinsics(lens.resized(width, height)).or_work()?;
-        let view = render_view(&mut Rasterizer::cpu(), &gaussians, &camera).or_work()?;
+        let view = render_view(&mut rasterizer, &gaussians, &camera).or_work()?;
         stills.push(Still { name: name.clone(), picture: jpeg(&view.image)? });
     }
     drop(progress);
@@ -115,10 +124,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&format!("page       {}, {}", named(path), size(html.len())));
     if let Some(path) = &common.json {
         let recipe = crate::recipe(0, ());
-        let (cameras, bytes) = (shots.len(), html.len());
+        let (cameras, bytes, device) = (shots.len(), html.len(), UsedDevice::of(&rasterizer));
         output::write_json(
             path,
-            &Record { recipe, gaussians: gaussians.len(), cameras, photographs, bytes },
+            &Record { recipe, gaussians: gaussians.len(), cameras, photographs, bytes, device },
         )?;
     }
     Ok(())
@@ -230,7 +239,7 @@ mod tests {
         assert_eq!(places(2, 12), [0, 1]);
         assert_eq!(places(5, 1), [0]);
         assert!(places(5, 0).is_empty() && places(0, 3).is_empty());
-        assert_eq!(within(960, 540), (480, 270));
+        assert_eq!(within(960, 540), (400, 225));
         assert_eq!(within(100, 7), (100, 7));
         assert_eq!(page_beside(Path::new("a/fox.html")).as_deref(), Some(Path::new("a/fox-view.html")));
         assert_eq!(page_beside(Path::new("-")), None);

@@ -168,6 +168,7 @@ class Renderer {
   // numbers of the pixels.
   async draw(view, camera, settings, { canvas, paint, measure = false, pixels = false } = {}) {
     await this.compile(view);
+    const begin = performance.now();
     const { width, height } = camera.lens;
     const { tile, counters } = this.table;
     const columns = Math.ceil(width / tile);
@@ -203,7 +204,7 @@ class Renderer {
       if (pairs <= this.pairs) {
         if (shown) this.present.show(canvas, camera.lens, await this.read(shown));
         const numbers = picture && new Float32Array(await this.read(picture));
-        return { visible: found[counters.visible], rejected: found[counters.rejected], pairs, passes, pixels: numbers };
+        return { visible: found[counters.visible], rejected: found[counters.rejected], pairs, passes, pixels: numbers, milliseconds: performance.now() - begin };
       }
       if (pairs > most) throw new Error(`the view has ${pairs} pairs of Gaussian and tile; this device has room for ${most}`);
       this.pairs = Math.min(Math.ceil(1.25 * pairs), most);

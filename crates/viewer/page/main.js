@@ -43,7 +43,7 @@ function settingsFor(view, camera) {
   const frame = data.frames[view];
   const near = data.near.fixed ?? nearPlane(sorted, data.near, data.near.far);
   const at = share => sorted[Math.floor((sorted.length - 1) * share)];
-  const range = sorted.length ? [Math.max(at(0.02), near), at(0.98)] : [near, 2 * near];
+  const range = sorted.length ? [Math.max(at(0.1), near), at(0.9)] : [near, 2 * near];
   if (!(range[1] > range[0])) range[1] = 1.5 * range[0];
   return { sorted, range, settings: { frame: { ...frame, near }, slope_margin: data.slope_margin } };
 }
@@ -52,11 +52,10 @@ async function drawOnce(level) {
   const { view, mode } = MODES[state.mode];
   const camera = { R: state.pose.R, translation: state.pose.translation, lens: lensNow(level) };
   const { range, settings } = settingsFor(view, camera);
-  const begin = performance.now();
   const result = await renderer.draw(view, camera, settings, {
     canvas: $('canvas'), paint: { mode, near: range[0], far: range[1] }, measure: state.measure,
   });
-  return { ...result, milliseconds: performance.now() - begin, lens: camera.lens };
+  return { ...result, lens: camera.lens };
 }
 
 // Something changed: draws a frame soon, and again at rest.
@@ -91,7 +90,7 @@ async function frames() {
     tell(frame, moving);
     await new Promise(resolve => requestAnimationFrame(resolve));
     if (level > 0 && !dirty) {
-      await new Promise(resolve => setTimeout(resolve, REST));
+      while (!dirty && performance.now() - moved < REST) await new Promise(resolve => requestAnimationFrame(resolve));
       dirty = true;
     }
   }
@@ -105,13 +104,17 @@ function tell({ milliseconds, visible, rejected, lens, passes }, moving) {
   const left = rejected ? `\n${grouped(rejected)} cannot be drawn` : '';
   $('status').textContent = `${grouped(shown.n)} Gaussians, ${grouped(visible)} in view\n${lens.width} × ${lens.height}, ${milliseconds.toFixed(0)} ms${rate}${left}`;
   if (!state.measure) return;
+  if (!renderer.timed) {
+    $('passes').textContent = 'This device has no timestamps.';
+    return;
+  }
+  // A frame that began before times were asked for has none; the next one follows.
   const rows = passes ? [...Object.entries(passes), ['all passes', Object.values(passes).reduce((sum, one) => sum + one, 0)]] : [];
   $('passes').replaceChildren(...rows.map(([name, time]) => {
     const line = document.createElement('tr');
     for (const text of [name, `${time.toFixed(2)} ms`]) line.append(Object.assign(document.createElement('td'), { textContent: text }));
     return line;
   }));
-  if (!passes) $('passes').textContent = 'This device has no timestamps.';
 }
 
 // The photograph of the camera lies over its frame, left of the slider.
@@ -213,7 +216,7 @@ function overview({ n, geometry }) {
 
 function listCameras() {
   $('cameras').replaceChildren(...data.shots.map(({ name, photograph }, i) => (
-    Object.assign(document.createElement('option'), { value: i, textContent: photograph ? `${name} (photograph)` : name }))));
+    Object.assign(document.createElement('option'), { value: i, textContent: photograph ? `${name} \u25e7` : name }))));
   // Up is where the cameras have it on average.
   const ups = data.shots.map(({ camera }) => row(camera.rotation, 1).map(value => -value));
   const mean = ups.reduce((sum, one) => plus(sum, one), [0, 0, 0]);
@@ -300,11 +303,12 @@ const viewer = {
 globalThis.viewer = viewer;
 
 async function start() {
+  const bytes = packedBytes($('scene'));
   renderer = await Renderer.start(data.table, new Present(data.present));
   if (!renderer) return fallBack('This browser has no WebGPU, or no device for it.');
   renderer.device.lost.then(({ reason, message }) => { if (reason !== 'destroyed') fallBack(`The graphics device was lost: ${message}`); });
   renderer.device.addEventListener('uncapturederror', ({ error }) => say(error.message));
-  setScene(unpacked(data.scene, await packedBytes($('scene'))));
+  setScene(unpacked(data.scene, await bytes));
   if (data.shots.length === 0) data.shots = [overview(scene)];
   listCameras();
   wire();

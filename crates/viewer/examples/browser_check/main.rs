@@ -88,10 +88,11 @@ fn time(browser: &mut Browser, page: &Path, wrong: &mut Wrong) -> std::io::Resul
     if shown > SHOWN_WITHIN {
         wrong.push(format!("shown after {shown:.0} ms, at most {SHOWN_WITHIN:.0} are allowed"));
     }
+    let size = Some((SIZE.0 as usize, SIZE.1 as usize));
     for view in ["colour", "depth", "ellipsoids"] {
         // The second frame: pipelines are compiled and buffers are there.
-        parity::frame(browser, view, false)?;
-        let frame = parity::frame(browser, view, true)?;
+        parity::frame(browser, view, size, false)?;
+        let frame = parity::frame(browser, view, size, true)?;
         let passes = frame.passes.as_object().map(|passes| {
             passes
                 .iter()
