@@ -1,8 +1,9 @@
-//! `cargo xtask browser-test`: reports opened in a real browser.
+//! `cargo xtask browser-test`: reports and the viewer opened in a real browser.
 //!
-//! A copy of each page gets a script that looks at it as laid out and writes down what is wrong; the browser without a window
+//! The viewer's page of a demo is driven by the example `browser_check` of the crate viewer. Of reports, a copy of each page gets a script that looks at it as laid out and writes down what is wrong; the browser without a window
 //! prints the page afterwards. Whatever the page says on the console is wrong, too.
 
+use crate::run::{cargo, exit_code};
 use std::env;
 use std::ffi::OsString;
 use std::fs;
@@ -85,7 +86,8 @@ pub(crate) fn run(root: &Path, pages: &[OsString], make: impl Fn(&Path) -> Optio
     };
     let folder = root.join("target/browser-test");
     let mut pages: Vec<PathBuf> = pages.iter().map(PathBuf::from).collect();
-    if pages.is_empty() {
+    let all = pages.is_empty();
+    if all {
         match fs::create_dir_all(&folder).ok().and_then(|()| make(&folder)) {
             Some(made) => pages = made,
             None => {
@@ -108,7 +110,24 @@ pub(crate) fn run(root: &Path, pages: &[OsString], make: impl Fn(&Path) -> Optio
             }
         }
     }
+    if all {
+        failed |= viewer(root, &browser, &folder.join("viewer")) != ExitCode::SUCCESS;
+    }
     if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS }
+}
+
+/// The viewer on the golden cases of gs-raster, and on a demo of 40k Gaussians with its controls.
+fn viewer(root: &Path, browser: &Path, folder: &Path) -> ExitCode {
+    const CHECK: [&str; 7] =
+        ["run", "--quiet", "--release", "--package", "viewer", "--example", "browser_check"];
+    let demo = folder.join("demo");
+    let words = ["-o".into(), demo.clone().into(), "--device".into(), "cpu".into()];
+    if crate::forward(root, "demo", &words) != ExitCode::SUCCESS {
+        return ExitCode::FAILURE;
+    }
+    let mut check = cargo(CHECK);
+    check.arg("--").args([browser, folder, &demo.join("scene.ply"), &demo.join("view.html")]);
+    exit_code(check.current_dir(root).status())
 }
 
 /// The browser: what the variable names, or the first that is found.

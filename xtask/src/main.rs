@@ -25,6 +25,7 @@ Commands of the product (built in release, arguments passed on; each has --help)
   reconstruct  posed photographs to a 3D Gaussian scene
   render       a scene to pictures
   convert      a scene to another file format
+  view         a scene to a page that shows it in the browser
   eval         the tables: PSNR, SSIM, Gaussians and time on data sets
   tradeoff     what accuracy costs in time: one method varied along one axis at a time
   paper        the paper's tables, with what is measured here beside
@@ -40,7 +41,8 @@ Checks for developers:
   test         every test (dev profile); arguments go to `cargo test`
   test --gpu   those that need a graphics adapter as well; a software one does, without any it fails
   browser-test [PAGE ...]
-               reports in a real browser (Chromium): plots, pictures, sliders, console; without a page it makes them first
+               reports in a real browser (Chromium): plots, pictures, sliders, console; without a page it makes them first, and
+               checks the viewer: frames against gs-raster and gs-reference, controls, times
   format-test  scene files of another program (splat-transform, from npm) against ours, both ways
   python-test [--torch] [ARGUMENTS OF PYTEST]
                the Python module: wheel, fresh environment, pytest, and with torch its example
@@ -50,11 +52,12 @@ Checks for developers:
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 14] = [
+const FORWARDED: [&str; 15] = [
     "demo",
     "reconstruct",
     "render",
     "convert",
+    "view",
     "eval",
     "tradeoff",
     "paper",

@@ -5,14 +5,15 @@ use glam::DVec3;
 use gs_scene::{Camera, Gaussians};
 
 /// The near plane as a share of the scene's distance.
-const NEAR_SHARE: f64 = 0.02;
+pub const NEAR_SHARE: f64 = 0.02;
+/// Gaussians whose median depth is taken, at most: a median of some thousand is as good as one of all.
+pub const NEAR_SAMPLE: usize = 4096;
 
 /// Near plane for a camera, scene units: a share of the median z-depth of the Gaussians in front of it. It depends on the
 /// scene and the camera alone, so that a scene that was written and read renders as before.
 #[must_use]
 pub fn near_plane(gaussians: &Gaussians, camera: &Camera) -> f32 {
-    // A median of some thousand is as good as one of all.
-    let step = gaussians.len().div_ceil(4096).max(1);
+    let step = gaussians.len().div_ceil(NEAR_SAMPLE).max(1);
     let mut depths: Vec<f64> = gaussians
         .geometry()
         .chunks_exact(Gaussians::GEOMETRY)

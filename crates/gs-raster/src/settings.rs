@@ -13,6 +13,10 @@ pub const ELLIPSOID_SIGMA: f32 = 1.0;
 /// Gaussians less opaque than this are not drawn by [`Style::Ellipsoids`]: solid, they would hide what they do not hide.
 pub const ELLIPSOID_OPACITY_MIN: f32 = 0.2;
 
+/// The projection is linearised inside the image and this share of its size beyond each side, so that footprints of Gaussians
+/// far outside stay small.
+pub const SLOPE_MARGIN: f64 = 0.15;
+
 /// Share of the colour that an ellipsoid keeps where it is seen edge-on.
 pub(crate) const ELLIPSOID_AMBIENT: f32 = 0.3;
 

@@ -90,6 +90,17 @@ impl Report {
         let _ = writeln!(self.head, "<p class=\"warning\">{}</p>", escape(text));
     }
 
+    /// A link to a page beside the report that shows the scene of a window live, with the size of that page.
+    pub fn viewer(&mut self, window: &str, link: &str, size: &str) {
+        let _ = writeln!(
+            self.head,
+            "<p><a href=\"{}\">Look at {} in the browser</a> <span class=\"soft\">({}, needs WebGPU)</span></p>",
+            escape(link),
+            escape(window),
+            escape(size)
+        );
+    }
+
     /// A section with the pictures of one window.
     ///
     /// # Errors

@@ -6,6 +6,7 @@ use crate::failure::{Failure, OrFail, Outcome};
 use crate::output;
 use crate::progress::{Progress, describe};
 use crate::summary::{counts_line, memory_line, print, print_line, refinement_line, seconds_line, shortfall};
+use crate::view;
 use clap::Args;
 use evaluate::{Recipe, WindowRow, means, peak_rss_bytes, run_window};
 use report::{PictureLimits, Report, figures_table};
@@ -19,7 +20,7 @@ use std::time::Instant;
 /// Simulate a scene, reconstruct it and compare with held-out views; nothing to download
 ///
 /// A courtyard is ray-traced. Six of the pictures are reconstructed; five more are held out and compared with renderings of
-/// the reconstruction. Writes scene.ply (see --format), images/, report.html (open it in a browser) and result.json.
+/// the reconstruction. Writes scene.ply (see --format), images/, report.html (open it in a browser), view.html (the scene, live) and result.json.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sparsesplat demo\n  sparsesplat demo --gaussians 150k -o out/demo150\n  sparsesplat demo --refine 60\n  \
@@ -105,6 +106,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     );
     report.headline(&row.figures, peak);
     report.window(&window, &outcome, PictureLimits::ONE_WINDOW).or_work()?;
+    let view_page = arguments.output.join("view.html");
+    let (gaussians, renderings) = (&outcome.prediction.gaussians, &outcome.renderings);
+    let (link, view_size) = view::write_for_window(&view_page, &window, gaussians, renderings)?;
+    report.viewer(&window.name, &link, &view_size);
     let page = arguments.output.join("report.html");
     output::write_text(&page, &report.to_html(&output::to_json(&recipe)?))?;
     let record = Record {
@@ -139,5 +144,6 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&device.line());
     print_line(&format!("scene      {}", scene.display()));
     print_line(&format!("report     {}", page.display()));
+    print_line(&format!("viewer     {}, {view_size}", view_page.display()));
     Ok(())
 }

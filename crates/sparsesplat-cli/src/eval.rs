@@ -9,6 +9,7 @@ use crate::output::{Outputs, named};
 use crate::progress::{Progress, describe};
 use crate::source::{Planned, Source, files_of};
 use crate::summary::{print, print_line};
+use crate::view;
 use clap::Args;
 use evaluate::{Evaluation, Event, Method, Recipe, evaluate, peak_rss_bytes};
 use report::{PictureLimits, Report, figures_table, refinement_plot};
@@ -74,8 +75,10 @@ struct Record<'a, C> {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    let page = arguments.report.as_deref().and_then(view::page_beside);
     let outputs = Outputs::of(common)
         .with("--report", arguments.report.as_ref())
+        .with("--report (the page of the scene)", page.as_ref())
         .with("--refine-plot", arguments.refine_plot.as_ref())
         .check()?;
     if arguments.refine_plot.is_some()
@@ -108,6 +111,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let limits = PictureLimits::for_windows(plans.len());
     let mut report = Report::new("SparseSplat evaluation", evaluate::PROTOCOL);
     let mut problem = None;
+    // The first window's scene, name of its file and size.
+    let mut viewer: Option<(String, Outcome<(String, String)>)> = None;
     let progress = Progress::new(plans.len() * seeds.len());
     let mut told = "";
     for plan in &plans {
@@ -127,6 +132,11 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
                 progress.step();
                 if arguments.report.is_some() && outcome.figures.seed == seeds[0] {
                     problem = report.window(window, outcome, limits).err().or(problem.take());
+                    if let (Some(page), None) = (&page, &viewer) {
+                        let (gaussians, renderings) = (&outcome.prediction.gaussians, &outcome.renderings);
+                        let written = view::write_for_window(page, window, gaussians, renderings);
+                        viewer = Some((window.name.clone(), written));
+                    }
                 }
             }
             Event::Dropped(dropped) => {
@@ -173,6 +183,12 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     if let Some(path) = &arguments.report {
         report.headline(&evaluation.mean.figures, peak);
+        let viewer =
+            viewer.map(|(name, written)| written.map(|(link, size)| (name, link, size))).transpose()?;
+        if let (Some(page), Some((name, link, size))) = (&page, &viewer) {
+            report.viewer(name, link, size);
+            print_line(&format!("viewer     {}, {size}", named(page)));
+        }
         if !evaluation.dropped.is_empty() {
             let names: Vec<&str> = evaluation.dropped.iter().map(|dropped| dropped.name.as_str()).collect();
             report.warning(&format!("Dropped, and not in the means: {}", names.join(", ")));

@@ -27,6 +27,8 @@ mod summary;
 mod sweep;
 mod tradeoff;
 mod train;
+mod video;
+mod view;
 mod weights;
 
 use arguments::Common;
@@ -51,6 +53,7 @@ Start here:
   sparsesplat reconstruct PHOTOS -o scene.ply              reconstruct your own posed photographs
   sparsesplat render scene.ply --cameras PHOTOS -o out     render a scene
   sparsesplat convert scene.ply scene.spz                  change the file format of a scene
+  sparsesplat view scene.ply --cameras PHOTOS              write a page that shows a scene in the browser
   sparsesplat eval --dataset nerfstudio --root PHOTOS      measure on held-out views
   sparsesplat tradeoff --quick --report tradeoff.html      measure what accuracy costs in time
   sparsesplat paper main runtime                           the paper's tables with our figures beside them
@@ -68,6 +71,7 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     Render(render::Arguments),
     Convert(convert::Arguments),
+    View(view::Arguments),
     Eval(eval::Arguments),
     Tradeoff(tradeoff::Arguments),
     Paper(paper::Arguments),
@@ -106,6 +110,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Reconstruct(arguments) => reconstruct::run(arguments, common),
         Command::Render(arguments) => render::run(arguments, common),
         Command::Convert(arguments) => convert::run(arguments, common),
+        Command::View(arguments) => view::run(arguments, common),
         Command::Eval(arguments) => eval::run(arguments, common),
         Command::Tradeoff(arguments) => tradeoff::run(arguments, common),
         Command::Paper(arguments) => paper::run(arguments, common),

@@ -102,6 +102,11 @@ impl Place {
     }
 }
 
+/// Whether a path is a file or could be: neither standard output nor a device or a FIFO.
+pub(crate) fn is_file(path: &Path) -> bool {
+    matches!(Place::of(path), Place::File(_)) && fs::metadata(path).map_or(true, |found| found.is_file())
+}
+
 fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -9,6 +9,7 @@ use crate::progress::{Progress, describe};
 use crate::summary::{
     counts_line, held_out_line, memory_line, print_line, refinement_line, seconds_line, shortfall,
 };
+use crate::view;
 use clap::Args;
 use evaluate::{Recipe, Step, WindowFigures, peak_rss_bytes, reconstruct_window, run_window};
 use gs_raster::Rasterizer;
@@ -56,7 +57,8 @@ pub(crate) struct Arguments {
     /// Seed of the sampling
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
-    /// Measure held-out views (frames between the chosen ones, or the window's targets) and write a report with pictures
+    /// Measure held-out views (frames between the chosen ones, or the window's targets) and write a report with pictures; a page
+    /// that shows the scene in the browser goes beside it (fox.html has fox-view.html)
     #[arg(long, value_name = "PATH")]
     report: Option<PathBuf>,
     #[command(flatten)]
@@ -80,9 +82,11 @@ struct Record<'a, C> {
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
+    let page = arguments.report.as_deref().and_then(view::page_beside);
     let outputs = Outputs::of(common)
         .with("--output", Some(&arguments.output))
         .with("--report", arguments.report.as_ref())
+        .with("--report (the page of the scene)", page.as_ref())
         .check()?;
     let depth_hint = arguments.pipeline.depth_range == Range::Hint;
     let reading = Reading { format: arguments.format, size: arguments.size, depth_hint };
@@ -121,10 +125,17 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
     let peak = peak_rss_bytes();
     let recipe = crate::recipe(arguments.seed, &method);
+    let mut viewer = None;
     if let Some(path) = &arguments.report {
         let mut report = Report::new("SparseSplat reconstruction", "Posed photographs in, 3D Gaussians out.");
         report.headline(&outcome.figures.figures, peak);
         report.window(&window, &outcome, PictureLimits::ONE_WINDOW).or_work()?;
+        if let Some(page) = &page {
+            let (gaussians, renderings) = (&outcome.prediction.gaussians, &outcome.renderings);
+            let (link, size) = view::write_for_window(page, &window, gaussians, renderings)?;
+            report.viewer(&window.name, &link, &size);
+            viewer = Some(size);
+        }
         output::write_text(path, &report.to_html(&output::to_json(&recipe)?))?;
     }
     if let Some(path) = &common.json {
@@ -167,6 +178,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     print_line(&format!("scene      {}", named(&arguments.output)));
     if let Some(path) = &arguments.report {
         print_line(&format!("report     {}", named(path)));
+    }
+    if let (Some(page), Some(size)) = (&page, viewer) {
+        print_line(&format!("viewer     {}, {size}", named(page)));
     }
     Ok(())
 }

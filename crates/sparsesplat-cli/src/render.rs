@@ -1,15 +1,16 @@
 //! `render`: a scene to pictures.
 
-use crate::arguments::{Common, size};
+use crate::arguments::{Common, positive, size};
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::output;
 use crate::output::Outputs;
 use crate::progress::Progress;
 use crate::summary::{memory_line, print_line, warn};
+use crate::video::{self, PathName};
 use clap::Args;
 use evaluate::{Recipe, Rendered, peak_rss_bytes, render_ellipsoids, render_view};
-use gs_scene::{Camera, Intrinsics};
+use gs_scene::{Camera, Gaussians, Intrinsics};
 use report_parts::{DepthScale, Picture, count};
 use serde::Serialize;
 use std::collections::HashMap;
@@ -20,10 +21,11 @@ use view_data::Dataset;
 /// Render a scene from given cameras: colour, opacity and depth
 ///
 /// Writes NAME.png, NAME-alpha.png and NAME-depth.png for every camera (near is light, far is dark, one scale for all), and
-/// with --ellipsoids NAME-ellipsoids.png.
+/// with --ellipsoids NAME-ellipsoids.png. With --path it writes frame-00000.png and so on for a moving camera, and path.mp4 if ffmpeg is on the PATH.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  sparsesplat render scene.ply --cameras data/fox -o out/fox\n  \
-                        sparsesplat render scene.ply --cameras data/fox --positions 0,7,20 --size 960x540 -o out/fox")]
+                        sparsesplat render scene.ply --cameras data/fox --positions 0,7,20 --size 960x540 -o out/fox\n  \
+                        sparsesplat render scene.ply --cameras data/fox --path orbit --frames 90 -o out/fox")]
 pub(crate) struct Arguments {
     /// Scene: PLY, compressed PLY, SPZ, .splat or glTF (.glb), recognised by its content
     scene: PathBuf,
@@ -39,9 +41,15 @@ pub(crate) struct Arguments {
     /// Size of the pictures [default: that of the photographs]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
-    /// Also render the Gaussians as solid ellipsoids, which shows their place, size and orientation
+    /// Also render the Gaussians as solid ellipsoids, which shows their place, size and orientation; with --path, instead of colour
     #[arg(long)]
     ellipsoids: bool,
+    /// Move the camera and write a video (pictures alone if ffmpeg is not on the PATH)
+    #[arg(long, value_enum)]
+    path: Option<PathName>,
+    /// Number of frames of --path, 30 a second
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 120, requires = "path")]
+    frames: usize,
 }
 
 /// What `--json` writes.
@@ -74,6 +82,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             "{}: lies far from the origin: ({}, {}, {}) was subtracted from all positions, as it is when scenes are made of these data",
             dataset.name, offset.x, offset.y, offset.z
         ));
+    }
+    if let Some(path) = arguments.path {
+        return render_path(arguments, common, &gaussians, &dataset, &cameras, path);
     }
     let pictures = pictures(arguments, &cameras)?;
     let files = dataset.files();
@@ -115,13 +126,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     drop(progress);
     let rejected = rendered.iter().map(|(view, _)| view.rejected).max().unwrap_or(0);
-    if rejected > 0 {
-        warn(&format!(
-            "{}: {rejected} of {} Gaussians cannot be drawn: their stored numbers are not finite, or overflow",
-            arguments.scene.display(),
-            gaussians.len()
-        ));
-    }
+    warn_of_rejected(arguments, rejected, gaussians.len());
     let peak = peak_rss_bytes();
     let total: f64 = rendered.iter().map(|(_, seconds)| seconds).sum();
     print_line(&format!("{} views of {} Gaussians", views.len(), count(gaussians.len() as f64)));
@@ -136,6 +141,65 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         output::write_json(path, &record)?;
     }
     Ok(())
+}
+
+/// Frames of a moving camera, and a video.
+fn render_path(
+    arguments: &Arguments,
+    common: &Common,
+    gaussians: &Gaussians,
+    dataset: &Dataset,
+    cameras: &[(String, Camera)],
+    path: PathName,
+) -> Outcome {
+    let stops: Vec<Camera> = cameras.iter().map(|(_, camera)| *camera).collect();
+    let cameras = path.cameras(&stops, gaussians, arguments.frames)?;
+    let mut files: Vec<PathBuf> =
+        (0..cameras.len()).map(|i| video::frame_file(&arguments.output, i)).collect();
+    files.push(video::video_file(&arguments.output));
+    let read = dataset.files();
+    files
+        .iter()
+        .fold(Outputs::of(common), |outputs, file| outputs.with("--output", Some(file)))
+        .spare(read.iter().chain([&arguments.scene]).map(PathBuf::as_path))?;
+    output::check_folder(&arguments.output)?;
+    let mut rasterizer = device::rasterizer(common.device)?;
+    let device = UsedDevice::of(&rasterizer);
+    let begin = Instant::now();
+    let ellipsoids = arguments.ellipsoids;
+    let rejected = video::write_frames(&mut rasterizer, gaussians, &cameras, ellipsoids, &arguments.output)?;
+    let seconds = begin.elapsed().as_secs_f64();
+    warn_of_rejected(arguments, rejected, gaussians.len());
+    let made = video::encode(&arguments.output, cameras.len())?;
+    files.truncate(cameras.len());
+    files.extend(made.clone());
+    let peak = peak_rss_bytes();
+    print_line(&format!("{} frames of {} Gaussians", cameras.len(), count(gaussians.len() as f64)));
+    print_line(&format!("seconds    {seconds:.2}, {:.4} a frame", seconds / cameras.len() as f64));
+    print_line(&memory_line(peak));
+    print_line(&device.line());
+    print_line(&format!("pictures   {}", arguments.output.display()));
+    if let Some(made) = &made {
+        print_line(&format!("video      {}, {} frames a second", made.display(), video::RATE));
+    }
+    if let Some(path) = &common.json {
+        let (width, height) = (cameras[0].width(), cameras[0].height());
+        let views = vec![ViewRecord { name: "path".into(), width, height, seconds, files }];
+        let recipe = crate::recipe(0, ());
+        let record =
+            Record { recipe, gaussians: gaussians.len(), rejected, views, device, peak_rss_bytes: peak };
+        output::write_json(path, &record)?;
+    }
+    Ok(())
+}
+
+fn warn_of_rejected(arguments: &Arguments, rejected: usize, gaussians: usize) {
+    if rejected > 0 {
+        warn(&format!(
+            "{}: {rejected} of {gaussians} Gaussians cannot be drawn: their stored numbers are not finite, or overflow",
+            arguments.scene.display(),
+        ));
+    }
 }
 
 /// What a picture shows.

@@ -4,3 +4,4 @@ mod abi;
 mod gate;
 mod headers;
 mod strides;
+mod table;

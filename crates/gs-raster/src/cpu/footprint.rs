@@ -5,7 +5,7 @@
 //! number, possibly NaN.
 
 use super::math;
-use crate::{Activated, RenderSettings, activated};
+use crate::{Activated, RenderSettings, SLOPE_MARGIN, activated};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 use std::f64::consts::LOG2_E;
@@ -60,7 +60,7 @@ impl View {
         let lens = camera.intrinsics();
         let (focal, centre) = ([lens.fx, lens.fy], [lens.cx, lens.cy]);
         let size = [lens.width as f64, lens.height as f64];
-        let margin = |axis: usize| 0.15 * size[axis] / focal[axis];
+        let margin = |axis: usize| SLOPE_MARGIN * size[axis] / focal[axis];
         Self {
             rotation: camera.rotation(),
             translation: camera.translation(),

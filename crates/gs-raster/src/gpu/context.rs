@@ -7,9 +7,6 @@ use gs_shaders::{Access, EntryPoint, Features, Pass};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// Most workgroups along one dimension of a dispatch, by WebGPU's defaults.
-pub(super) const GRID_MAX: u32 = 65_535;
-
 /// A GPU that is ready to run the passes.
 #[derive(Debug)]
 pub struct Gpu {
@@ -312,9 +309,4 @@ impl Gpu {
             }
         }
     }
-}
-
-/// A one-dimensional grid of `n` workgroups, folded where it is longer than a dimension may be.
-pub(super) fn folded(n: u32) -> [u32; 2] {
-    if n <= GRID_MAX { [n, 1] } else { [GRID_MAX, n.div_ceil(GRID_MAX)] }
 }

@@ -1,20 +1,21 @@
 //! One view on the GPU: project, sort by depth, list by tile, composite.
 
-use super::context::{GRID_MAX, Gpu};
+use super::context::Gpu;
 use super::frame::frame;
-use super::passes::Keyed;
 use super::pool::{Pooled, Use};
 use super::upload::Upload;
 use crate::{Error, RenderSettings, RenderStats, Rendering, Result, StageSeconds, Style};
 use gs_scene::{Camera, Gaussians, Image};
 use gs_shaders::{
-    Features, Frame, N_COUNTERS, N_PAIRS, NOWHERE, PAIR_GRADS, PIXEL_GRADS, REJECTED, Splat, Surface, TILE,
-    VISIBLE, WORKGROUP,
+    Counts, Drawing, Features, Frame, GRID_MAX, N_PAIRS, PAIR_GRADS, PIXEL_GRADS, REJECTED, Source, TILE,
+    VISIBLE, View, WORKGROUP,
 };
+use std::collections::HashMap;
 use std::time::Instant;
 
-/// Bits of a depth key: the sign is never set, but by what is culled.
-const DEPTH_BITS: u32 = 32;
+/// Buffers that the backward pass reads.
+const OF_TAPE: [&str; 8] =
+    ["frame", "splats", "order", "offsets", "pair_splats", "pair_index", "ranges", "ends"];
 
 /// What the backward pass needs of views on the GPU.
 #[derive(Debug)]
@@ -39,21 +40,27 @@ pub(super) struct ViewTape {
 pub(super) struct Buffers {
     pub(super) frame: Frame,
     pub(super) features: Features,
-    /// Whether ellipsoids are drawn.
-    pub(super) solid: bool,
-    pub(super) uniform: Pooled,
-    pub(super) splats: Pooled,
-    pub(super) surfaces: Pooled,
-    pub(super) counters: Pooled,
-    /// Gaussians by depth; once sorted, the visible ones first.
-    pub(super) depths: Keyed,
-    pub(super) offsets: Pooled,
-    pub(super) pair_splats: Pooled,
-    /// Pairs of Gaussian and tile by tile.
-    pub(super) pairs: Keyed,
-    pub(super) ranges: Pooled,
-    pub(super) pixels: Pooled,
-    pub(super) ends: Pooled,
+    /// By the names of the view.
+    named: HashMap<&'static str, Pooled>,
+}
+
+impl Buffers {
+    /// The buffer of that name.
+    pub(super) fn get(&self, name: &str) -> &Pooled {
+        self.named.get(name).unwrap_or_else(|| panic!("a view lists its buffer {name}"))
+    }
+
+    /// The buffers of these names alone.
+    fn keeping(mut self, names: &[&str]) -> Self {
+        self.named.retain(|name, _| names.contains(name));
+        self
+    }
+
+    /// Exchanges the names of two buffers.
+    pub(super) fn swap(&mut self, a: &'static str, b: &'static str) {
+        let (old_a, old_b) = (self.named.remove(a), self.named.remove(b));
+        self.named.extend(old_a.map(|buffer| (b, buffer)).into_iter().chain(old_b.map(|buffer| (a, buffer))));
+    }
 }
 
 impl Gpu {
@@ -129,22 +136,11 @@ impl Gpu {
         capacity: u32,
     ) -> Result<(Rendering, Option<ViewTape>)> {
         let start = Instant::now();
-        let mut view = self.buffers(upload, camera, settings, train, capacity);
+        let (view, counts) = plan(upload, camera, settings, train, capacity);
+        let mut buffers = self.buffers(upload, camera, settings, &view, &counts);
         let mut recording = self.recording();
-        recording.encoder.clear_buffer(&view.counters, 0, None);
-        self.project(&mut recording, upload, &view);
-        self.sort(&mut recording, &mut view.depths, DEPTH_BITS, &view.counters, NOWHERE);
-        self.bin(&mut recording, &view);
-        // Tiles are numbered from 0; the number after the last marks a pair that is none.
-        let tile_bits = u32::BITS - (view.frame.tiles[0] * view.frame.tiles[1]).leading_zeros();
-        self.sort(&mut recording, &mut view.pairs, tile_bits, &view.counters, N_PAIRS);
-        self.tile_ranges(&mut recording, &view);
-        if view.solid {
-            self.rasterize_ellipsoids(&mut recording, &view);
-        } else {
-            self.rasterize_forward(&mut recording, &view, train);
-        }
-        let staged = [&view.counters, &view.pixels].map(|buffer| self.stage(&mut recording, buffer));
+        self.carry_out(&mut recording, &view, &counts, upload, &mut buffers);
+        let staged = ["counters", "pixels"].map(|name| self.stage(&mut recording, buffers.get(name)));
         self.submit(recording)?;
         let counters: Vec<u32> = self.read(&staged[0])?;
         let pixels: Vec<f32> = self.read(&staged[1])?;
@@ -152,7 +148,7 @@ impl Gpu {
         let (mut rendering, transmittance, weight) = picture(camera, settings, &counters, &pixels)?;
         rendering.stats.seconds.gpu = start.elapsed().as_secs_f64();
         let tape = train.then(|| ViewTape {
-            buffers: view,
+            buffers: buffers.keeping(&OF_TAPE),
             n_pairs: counters[N_PAIRS as usize],
             transmittance,
             depth: rendering.depth.clone().zip(weight).map(|(depth, weight)| [depth, weight]),
@@ -165,34 +161,40 @@ impl Gpu {
         upload: &Upload,
         camera: &Camera,
         settings: &RenderSettings,
-        train: bool,
-        capacity: u32,
+        view: &View,
+        counts: &Counts,
     ) -> Buffers {
-        let frame = frame(camera, settings, upload.n, capacity);
-        let n_pixels = camera.width() * camera.height();
-        let n_tiles = (frame.tiles[0] * frame.tiles[1]) as usize;
-        let solid = settings.style == Style::Ellipsoids;
-        // What a pass binds as an array of structs must have room for one, even if the scene is empty.
-        let at_least_one = upload.n.max(1) as usize;
-        let room = |bytes: usize| self.pool.take(Use::Storage, bytes as u64);
-        let numbers = |n: usize| room(n * size_of::<f32>());
-        Buffers {
-            frame,
-            features: upload.features(settings.antialias, settings.depth),
-            solid,
-            uniform: self.pool.uniform(&frame),
-            splats: room(at_least_one * size_of::<Splat>()),
-            surfaces: room(if solid { at_least_one * size_of::<Surface>() } else { 0 }),
-            counters: numbers(N_COUNTERS),
-            depths: self.keyed(upload.n),
-            offsets: numbers(upload.n as usize + 1),
-            pair_splats: numbers(capacity as usize),
-            pairs: self.keyed(capacity),
-            ranges: numbers(n_tiles * 2),
-            pixels: numbers(n_pixels * numbers_per_pixel(settings)),
-            ends: numbers(if train { n_pixels } else { 0 }),
-        }
+        let frame = frame(camera, settings, upload.n, counts.pairs);
+        let named = view.buffers.iter().filter_map(|buffer| match buffer.source {
+            Source::Frame => Some((buffer.name, self.pool.uniform(&frame))),
+            Source::Scene => None,
+            Source::Passes => Some((buffer.name, self.pool.take(Use::Storage, buffer.bytes(counts)))),
+        });
+        Buffers { frame, features: view.features, named: named.collect() }
     }
+}
+
+/// What a view does, and how much of it.
+fn plan(
+    upload: &Upload,
+    camera: &Camera,
+    settings: &RenderSettings,
+    train: bool,
+    capacity: u32,
+) -> (View, Counts) {
+    let drawing = match (settings.style, train) {
+        (Style::Ellipsoids, _) => Drawing::Ellipsoids,
+        (Style::Blended, true) => Drawing::Recorded,
+        (Style::Blended, false) => Drawing::Blended,
+    };
+    let (width, height) = (camera.width() as u32, camera.height() as u32);
+    let counts = Counts {
+        gaussians: upload.n,
+        pairs: capacity,
+        pixels: width * height,
+        tiles: width.div_ceil(TILE) * height.div_ceil(TILE),
+    };
+    (View::new(upload.features(settings.antialias, settings.depth), drawing), counts)
 }
 
 /// Numbers per pixel that are read back.

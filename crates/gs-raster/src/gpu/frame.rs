@@ -1,7 +1,7 @@
 //! The uniform that all passes of a view share.
 
 use crate::settings::ELLIPSOID_AMBIENT;
-use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, Style};
+use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, RenderSettings, SLOPE_MARGIN, Style};
 use gs_scene::Camera;
 use gs_shaders::{AMBIENT, Frame, TILE};
 
@@ -23,7 +23,7 @@ pub(super) fn frame(
         [x, y, z, camera.translation()[row]]
     });
     let position = camera.position().to_array();
-    let margin = |axis: usize| 0.15 * f64::from(size[axis]) / focal[axis];
+    let margin = |axis: usize| SLOPE_MARGIN * f64::from(size[axis]) / focal[axis];
     Frame {
         pose: rows.map(high),
         pose_low: rows.map(low),

@@ -217,7 +217,9 @@ fn the_demo_writes_scene_pictures_and_report() {
     assert_eq!(read_ply(&output.join("scene.ply")).unwrap().len(), 2000);
     let result = read_json(&output.join("result.json"));
     assert!(number(&result["psnr_held_out"]) > number(&result["psnr_nearest_view"]) - 3.0);
-    assert!(fs::read_to_string(output.join("report.html")).unwrap().contains("view-05"));
+    let report = fs::read_to_string(output.join("report.html")).unwrap();
+    assert!(report.contains("view-05") && report.contains("href=\"view.html\""));
+    assert!(called.stdout.contains("view.html") && output.join("view.html").is_file());
     assert!(output.join("images/view-05-rendered.png").is_file());
     // No temporary file is left behind.
     assert!(
@@ -231,7 +233,7 @@ fn the_demo_writes_scene_pictures_and_report() {
 
 #[test]
 fn help_teaches_and_the_doctor_passes() {
-    for command in ["demo", "reconstruct", "render", "convert", "eval", "bench"] {
+    for command in ["demo", "reconstruct", "render", "view", "convert", "eval", "bench"] {
         let help = call(&[command, "--help"]).succeeded().stdout;
         assert!(help.contains("Examples:") && help.contains(&format!("sparsesplat {command}")), "{help}");
     }

@@ -19,3 +19,4 @@ mod settings;
 mod tiny;
 mod tradeoff;
 mod training;
+mod viewing;

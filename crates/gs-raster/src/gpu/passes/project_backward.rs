@@ -1,10 +1,10 @@
 //! Dispatch of the pass `project_backward`: gradients by what is stored.
 
-use crate::gpu::context::{Gpu, Recording, folded};
+use crate::gpu::context::{Gpu, Recording};
 use crate::gpu::forward::Buffers;
 use crate::gpu::pool::Pooled;
 use crate::gpu::upload::Upload;
-use gs_shaders::{PROJECT_BACKWARD, WORKGROUP};
+use gs_shaders::{PROJECT_BACKWARD, WORKGROUP, folded};
 
 /// Sums over views of the gradients by what is stored.
 #[derive(Debug)]
@@ -26,11 +26,11 @@ impl Gpu {
     ) {
         recording.encoder.clear_buffer(pose_sums, 0, None);
         let buffers = [
-            Some(&view.uniform),
+            Some(view.get("frame")),
             Some(&upload.geometry),
             Some(&upload.sh),
-            Some(&view.depths.values),
-            Some(&view.offsets),
+            Some(view.get("order")),
+            Some(view.get("offsets")),
             Some(pair_grads),
             Some(&sums.geometry),
             Some(&sums.sh),

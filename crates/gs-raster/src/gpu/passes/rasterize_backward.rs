@@ -17,12 +17,12 @@ impl Gpu {
     ) {
         recording.encoder.clear_buffer(pair_grads, 0, None);
         let buffers = [
-            Some(&view.uniform),
-            Some(&view.splats),
-            Some(&view.pair_splats),
-            Some(&view.pairs.values),
-            Some(&view.ranges),
-            Some(&view.ends),
+            Some(view.get("frame")),
+            Some(view.get("splats")),
+            Some(view.get("pair_splats")),
+            Some(view.get("pair_index")),
+            Some(view.get("ranges")),
+            Some(view.get("ends")),
             Some(pixel_grads),
             Some(pair_grads),
         ];
