@@ -52,6 +52,7 @@ pub use index::{EvaluationIndex, IndexRule, Window, read_index, write_index};
 pub use jpeg::JpegRule;
 pub use nerfstudio::open_nerfstudio;
 pub use open::{Scenes, Unposed, open, open_all};
+pub use picture::decode_picture;
 pub use points::{Observation, ScenePoint};
 pub use re10k::{Re10kRule, list_re10k, open_re10k};
 pub use replica::open_replica;
@@ -62,7 +63,9 @@ pub use select::{Selection, select_views};
 pub use stream::ViewStream;
 pub use tum::{open_tum, open_tum_within};
 pub use windows::windows_along;
-pub use write::{DatasetWriter, Layout, PictureFormat, WriteRule, Written};
+pub use write::{
+    DatasetWriter, Layout, PictureFormat, PosedFrame, Staging, WriteRule, Written, write_posed,
+};
 
 pub use check::{
     CameraSummary, CheckReport, CheckSettings, CheckStage, CheckStep, DepthFileSummary, DepthSummary,
