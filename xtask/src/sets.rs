@@ -27,7 +27,16 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
         said(cargo(["run", "--quiet", "--package", "cpu-isa", "--example", "sets"]).current_dir(root))?;
     let sets: Vec<&str> = sets.lines().collect();
     // Selected as all tests are: nothing is compiled anew.
-    let build = ["test", "--workspace", "--features", crate::EXTRAS, "--no-run", "--message-format", "json"];
+    let build = [
+        "test",
+        "--workspace",
+        "--features",
+        crate::EXTRAS,
+        crate::ANY_RUST,
+        "--no-run",
+        "--message-format",
+        "json",
+    ];
     let built = said(cargo(build).current_dir(root))?;
     let built: Vec<Built> = built.lines().filter_map(built_by).collect();
     let mut problems = Vec::new();

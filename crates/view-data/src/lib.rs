@@ -63,9 +63,7 @@ pub use select::{Selection, select_views};
 pub use stream::ViewStream;
 pub use tum::{open_tum, open_tum_within};
 pub use windows::windows_along;
-pub use write::{
-    DatasetWriter, Layout, PictureFormat, PosedFrame, Staging, WriteRule, Written, write_posed,
-};
+pub use write::{DatasetWriter, Layout, PictureFormat, PosedFrame, Staging, WriteRule, Written, write_posed};
 
 pub use check::{
     CameraSummary, CheckReport, CheckSettings, CheckStage, CheckStep, DepthFileSummary, DepthSummary,

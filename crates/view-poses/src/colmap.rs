@@ -39,7 +39,11 @@ impl Engine for Colmap {
 
     fn estimate(&self, task: &Task<'_>, on_step: &(dyn Fn(Step) + Sync)) -> Result<Solution> {
         if !Self::is_there() {
-            return Err(Error::NoProgram { program: PROGRAM, purpose: "for the engine colmap", install: INSTALL });
+            return Err(Error::NoProgram {
+                program: PROGRAM,
+                purpose: "for the engine colmap",
+                install: INSTALL,
+            });
         }
         let database = task.work.join("database.db");
         let models = task.work.join("models");
@@ -71,7 +75,8 @@ impl Engine for Colmap {
                 )
                 .text("--SiftExtraction.max_num_features", FEATURES);
             if camera.focal_pixels.is_some() || !task.guess.free {
-                let (focal, [cx, cy]) = (task.focal(camera), [camera.width, camera.height].map(|side| side as f64 / 2.0));
+                let (focal, [cx, cy]) =
+                    (task.focal(camera), [camera.width, camera.height].map(|side| side as f64 / 2.0));
                 call = call.text("--ImageReader.camera_params", &format!("{focal},{cx},{cy},0"));
             }
             call.run(task.work)?;
@@ -92,7 +97,8 @@ impl Engine for Colmap {
             .path("--image_path", task.images)
             .path("--output_path", &models)
             .text("--Mapper.ba_refine_principal_point", "0");
-        let nothing = |said| Error::NothingMatches { photographs: task.photographs.len(), engine: PROGRAM, said };
+        let nothing =
+            |said| Error::NothingMatches { photographs: task.photographs.len(), engine: PROGRAM, said };
         match mapper.run(task.work) {
             Ok(()) => {}
             // It ends with an error where it finds no model, which the folder tells.

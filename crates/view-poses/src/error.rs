@@ -98,10 +98,15 @@ pub enum Error {
         path: PathBuf,
     },
     /// The engine is not part of this build.
-    #[error("the engine openmvg is not part of this build; build with `--features openmvg --ignore-rust-version` (`cargo xtask` does), or install COLMAP ({})", crate::colmap::INSTALL)]
+    #[error(
+        "the engine openmvg is not part of this build; build with `--features openmvg --ignore-rust-version` (`cargo xtask` does), or install COLMAP ({})",
+        crate::colmap::INSTALL
+    )]
     NotBuilt,
     /// No two photographs show the same part of a scene.
-    #[error("none of the {photographs} photographs overlap ({engine}: {said}); expected photographs of one scene in which neighbours share at least half of their content, with texture, taken from different places")]
+    #[error(
+        "none of the {photographs} photographs overlap ({engine}: {said}); expected photographs of one scene in which neighbours share at least half of their content, with texture, taken from different places"
+    )]
     NothingMatches {
         /// How many there are.
         photographs: usize,

@@ -152,7 +152,11 @@ pub fn estimate_poses(
     let advice = (!best.verdict.doubts.is_empty()).then(|| advice(&attempts));
     if best.verdict.is_fatal() {
         let doubts = best.verdict.doubts.iter().map(ToString::to_string).collect();
-        return Err(Error::Lost { engine: best.engine.to_owned(), doubts, advice: advice.unwrap_or_default() });
+        return Err(Error::Lost {
+            engine: best.engine.to_owned(),
+            doubts,
+            advice: advice.unwrap_or_default(),
+        });
     }
     write_data_set(&best.solution, &task, staging.folder())?;
     let not_used = not_used(&prepared, &best.solution);
@@ -174,7 +178,8 @@ pub fn estimate_poses(
         levelling: best.levelling,
     };
     let record = staging.folder().join(RECORD);
-    let text = serde_json::to_string_pretty(&estimate).map_err(|error| std::io::Error::other(error.to_string()));
+    let text =
+        serde_json::to_string_pretty(&estimate).map_err(|error| std::io::Error::other(error.to_string()));
     text.and_then(|text| std::fs::write(&record, text)).map_err(file("write", &record))?;
     staging.finish()?;
     Ok(estimate)

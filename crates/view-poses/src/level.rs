@@ -48,7 +48,8 @@ pub(crate) fn level(solution: &mut Solution) -> Levelling {
         distances.extend(seen.map(|pose| (point.position - pose.position).length()));
     }
     distances.sort_by(f64::total_cmp);
-    let middle = distances.get(distances.len() / 2).copied().filter(|middle| *middle > 0.0 && middle.is_finite());
+    let middle =
+        distances.get(distances.len() / 2).copied().filter(|middle| *middle > 0.0 && middle.is_finite());
     let scale = middle.map_or(1.0, f64::recip);
     for pose in solution.poses.iter_mut().flatten() {
         pose.axes = rotation * pose.axes;
@@ -134,7 +135,12 @@ mod tests {
             Some(Pose { axes: DMat3::from_cols(x, z.cross(x), z), position })
         };
         let observations = (0..places.len()).map(|frame| Observation { frame, pixel: glam::DVec2::ZERO });
-        let point = ScenePoint { position: DVec3::ZERO, colour: None, error: None, observations: observations.collect() };
+        let point = ScenePoint {
+            position: DVec3::ZERO,
+            colour: None,
+            error: None,
+            observations: observations.collect(),
+        };
         Solution {
             lenses: Vec::new(),
             poses: places.iter().map(pose).collect(),

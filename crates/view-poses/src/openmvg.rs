@@ -88,7 +88,8 @@ impl Engine for OpenMvg {
         }
         for verdict in report.view_verdicts() {
             if let ViewVerdictStatus::Unregistered { reason } = verdict.status() {
-                reasons[verdict.view().index()] = Some(format!("not registered ({reason})").replace('_', " "));
+                reasons[verdict.view().index()] =
+                    Some(format!("not registered ({reason})").replace('_', " "));
             }
         }
         let mut points: HashMap<_, ScenePoint> = HashMap::new();

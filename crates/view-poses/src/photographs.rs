@@ -93,13 +93,16 @@ pub fn list_photographs(folder: &Path) -> Result<Vec<PathBuf>> {
         };
         let mut files = Vec::new();
         for entry in entries {
-            let path = entry.map_err(|source| Error::File { action: "list", path: folder.clone(), source })?.path();
+            let path =
+                entry.map_err(|source| Error::File { action: "list", path: folder.clone(), source })?.path();
             let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
             let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
             match &*extension {
                 _ if hidden || !path.is_file() => {}
                 "jpg" | "jpeg" | "png" => files.push(path),
-                "heic" | "heif" | "tif" | "tiff" | "dng" | "webp" | "cr2" | "nef" | "arw" | "avif" => other += 1,
+                "heic" | "heif" | "tif" | "tiff" | "dng" | "webp" | "cr2" | "nef" | "arw" | "avif" => {
+                    other += 1
+                }
                 _ => {}
             }
         }

@@ -71,7 +71,9 @@ mod tests {
     use image::Luma;
 
     fn noise(x: u32, y: u32) -> u8 {
-        (x.wrapping_mul(2_654_435_761) ^ y.wrapping_mul(40_503) ^ (x * y)).wrapping_mul(2_246_822_519).to_be_bytes()[0]
+        (x.wrapping_mul(2_654_435_761) ^ y.wrapping_mul(40_503) ^ (x * y))
+            .wrapping_mul(2_246_822_519)
+            .to_be_bytes()[0]
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Whether a result can be right. Engines do not notice that they are lost.
 
-use crate::engine::{Solution, Task};
 use crate::Result;
+use crate::engine::{Solution, Task};
 use glam::DVec3;
 use serde::Serialize;
 use std::path::Path;
@@ -43,7 +43,9 @@ pub enum Doubt {
         photographs: usize,
     },
     /// Photographs are left out.
-    #[error("only {registered} of {photographs} photographs have a pose: the others do not overlap with them enough, or show another scene")]
+    #[error(
+        "only {registered} of {photographs} photographs have a pose: the others do not overlap with them enough, or show another scene"
+    )]
     Share {
         /// With a pose.
         registered: usize,
@@ -71,7 +73,9 @@ pub enum Doubt {
         found: f64,
     },
     /// Matches contradict the poses.
-    #[error("matches contradict the poses: 90 % of the epipolar distances are under {found:.1} px at 480 px, expected at most {EPIPOLAR}")]
+    #[error(
+        "matches contradict the poses: 90 % of the epipolar distances are under {found:.1} px at 480 px, expected at most {EPIPOLAR}"
+    )]
     Epipolar {
         /// Pixels.
         found: f64,
@@ -80,7 +84,9 @@ pub enum Doubt {
     #[error("too few matches were found to check the poses")]
     Unchecked,
     /// The camera turned and did not move.
-    #[error("the camera turned and hardly moved: points are seen under {degrees:.2} degrees, expected at least {PARALLAX}; depth needs photographs from different places")]
+    #[error(
+        "the camera turned and hardly moved: points are seen under {degrees:.2} degrees, expected at least {PARALLAX}; depth needs photographs from different places"
+    )]
     Parallax {
         /// Degrees.
         degrees: f64,
@@ -173,7 +179,8 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
     }
     let sides = task.photographs.iter().map(|photograph| photograph.width.max(photograph.height));
     let to_480 = LONG_SIDE / sides.max().unwrap_or(1) as f64;
-    verdict.reprojection = median(solution.points.iter().filter_map(|point| point.error)).map(|px| px * to_480);
+    verdict.reprojection =
+        median(solution.points.iter().filter_map(|point| point.error)).map(|px| px * to_480);
     if let Some(found) = verdict.reprojection.filter(|found| *found > REPROJECTION) {
         verdict.doubts.push(Doubt::Reprojection { found });
     }
@@ -185,8 +192,8 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
     let dataset = open_nerfstudio(folder)?;
     let settings = CheckSettings { pairs: PAIRS, thumbnails: 0, seed: task.seed, ..CheckSettings::default() };
     let report = check_data(&dataset, &settings, |_| ())?;
-    let as_read = report.poses.as_ref().and_then(|poses| Some((poses.readings.first()?.p90?, poses.reduction)));
-    verdict.epipolar = as_read.map(|(p90, reduction)| p90 * reduction.max(1) as f64 * to_480);
+    let p90 = report.poses.readings.first().and_then(|as_read| as_read.p90);
+    verdict.epipolar = p90.map(|p90| p90 * report.poses.reduction.max(1) as f64 * to_480);
     match verdict.epipolar {
         Some(found) if found > EPIPOLAR => verdict.doubts.push(Doubt::Epipolar { found }),
         Some(_) => {}
@@ -223,7 +230,8 @@ fn parallax(solution: &Solution) -> Option<f64> {
     let angle = |point: &view_data::ScenePoint| {
         let rays = point.observations.iter().filter_map(|seen| solution.poses[seen.frame]);
         let rays: Vec<DVec3> = rays.map(|pose| (point.position - pose.position).normalize()).collect();
-        let pairs = rays.iter().enumerate().flat_map(|(i, a)| rays[i + 1..].iter().map(move |b| a.angle_between(*b)));
+        let pairs =
+            rays.iter().enumerate().flat_map(|(i, a)| rays[i + 1..].iter().map(move |b| a.angle_between(*b)));
         pairs.fold(0.0, f64::max).to_degrees()
     };
     median(solution.points.iter().map(angle))

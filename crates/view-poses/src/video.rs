@@ -43,7 +43,12 @@ pub fn is_video(path: &Path) -> bool {
 ///
 /// # Errors
 /// If ffmpeg is missing or fails, or the video has no frames there.
-pub(crate) fn frames(video: &Path, cut: Cut, folder: &Path, on_step: &(dyn Fn(Step) + Sync)) -> Result<Vec<PathBuf>> {
+pub(crate) fn frames(
+    video: &Path,
+    cut: Cut,
+    folder: &Path,
+    on_step: &(dyn Fn(Step) + Sync),
+) -> Result<Vec<PathBuf>> {
     if !is_there(PROGRAM) {
         return Err(Error::NoProgram { program: PROGRAM, purpose: "to read a video", install: INSTALL });
     }
@@ -84,7 +89,12 @@ pub(crate) fn frames(video: &Path, cut: Cut, folder: &Path, on_step: &(dyn Fn(St
     }
     read?;
     if !status.success() {
-        return Err(Error::Program { program: PROGRAM, step: video.display().to_string(), status, said: said() });
+        return Err(Error::Program {
+            program: PROGRAM,
+            step: video.display().to_string(),
+            status,
+            said: said(),
+        });
     }
 
     let chosen = sharpest(&details, cut.frames);
@@ -98,11 +108,17 @@ pub(crate) fn frames(video: &Path, cut: Cut, folder: &Path, on_step: &(dyn Fn(St
         .status()
         .map_err(file("run", Path::new(PROGRAM)))?;
     if !status.success() {
-        return Err(Error::Program { program: PROGRAM, step: video.display().to_string(), status, said: said() });
+        return Err(Error::Program {
+            program: PROGRAM,
+            step: video.display().to_string(),
+            status,
+            said: said(),
+        });
     }
     let mut named = Vec::with_capacity(chosen.len());
     for (position, number) in chosen.iter().enumerate() {
-        let (from, to) = (folder.join(format!("{position}.jpg")), folder.join(format!("frame_{number:06}.jpg")));
+        let (from, to) =
+            (folder.join(format!("{position}.jpg")), folder.join(format!("frame_{number:06}.jpg")));
         std::fs::rename(&from, &to).map_err(file("find the frame", &from))?;
         named.push(to);
     }
@@ -121,7 +137,16 @@ fn command(video: &Path, cut: Cut, filter: &str) -> Command {
     // As a file: a name with a colon would be taken for a protocol.
     let mut input = std::ffi::OsString::from("file:");
     input.push(video);
-    command.arg("-i").arg(input).args(["-map", "0:v:0", "-an", "-sn", "-vf", filter, "-fps_mode", "passthrough"]);
+    command.arg("-i").arg(input).args([
+        "-map",
+        "0:v:0",
+        "-an",
+        "-sn",
+        "-vf",
+        filter,
+        "-fps_mode",
+        "passthrough",
+    ]);
     command.stdin(Stdio::null());
     command
 }
@@ -177,7 +202,13 @@ mod tests {
         assert_eq!(next_picture(&mut stream), Ok(Some((2, 1, b"ab".to_vec()))));
         assert_eq!(next_picture(&mut stream), Ok(Some((1, 1, b"c".to_vec()))));
         assert_eq!(next_picture(&mut stream), Err(()));
-        for bad in [&b"P6\n1 1\n255\na"[..], b"P5\n0 1\n255\n", b"P5\n1", b"P5\nx y\n255\na", b"P5\n99999999999 1\n255\na"] {
+        for bad in [
+            &b"P6\n1 1\n255\na"[..],
+            b"P5\n0 1\n255\n",
+            b"P5\n1",
+            b"P5\nx y\n255\na",
+            b"P5\n99999999999 1\n255\na",
+        ] {
             assert_eq!(next_picture(&mut &*bad), Err(()), "{bad:?}");
         }
         assert_eq!(next_picture(&mut &b""[..]), Ok(None));

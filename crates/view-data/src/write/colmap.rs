@@ -98,7 +98,12 @@ impl Model {
             if !taken[cell] {
                 let track = vec![(frame.index, image.seen.len())];
                 image.seen.push((sample.pixel, self.points.len()));
-                self.points.push(Point { position: sample.position, colour: sample.colour, error: 0.0, track });
+                self.points.push(Point {
+                    position: sample.position,
+                    colour: sample.colour,
+                    error: 0.0,
+                    track,
+                });
             }
         }
         self.images.push(image);
@@ -215,7 +220,8 @@ impl Model {
             let [r, g, b] = point.colour;
             let track = point.track.iter().map(|(image, place)| format!("{} {place}", id(*image)));
             let (position, track) = (words(&point.position.to_array()), track.collect::<Vec<_>>().join(" "));
-            writeln!(text, "{} {position} {r} {g} {b} {} {track}", id(index), point.error).expect("a String takes all");
+            writeln!(text, "{} {position} {r} {g} {b} {} {track}", id(index), point.error)
+                .expect("a String takes all");
         }
         text
     }
