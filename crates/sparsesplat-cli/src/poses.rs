@@ -1,6 +1,6 @@
 //! `poses`: photographs or a video to a posed data set.
 
-use crate::arguments::{Common, positive};
+use crate::arguments::Common;
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::output;
 use crate::output::Outputs;
@@ -41,7 +41,7 @@ pub(crate) struct How {
     #[arg(long, value_enum, default_value = "auto")]
     engine: EngineName,
     /// Number of frames to take from a video: the sharpest of each stretch
-    #[arg(long, value_name = "N", value_parser = positive, default_value_t = Cut::default().frames)]
+    #[arg(long, value_name = "N", value_parser = frames, default_value_t = Cut::default().frames)]
     frames: usize,
     /// Seconds of the video at which to begin
     #[arg(long, value_name = "S", value_parser = seconds)]
@@ -239,6 +239,11 @@ fn details(estimate: &Estimate) -> Vec<String> {
         "world      up is +z; the unit is the median distance of the points from the cameras".to_owned(),
     );
     lines
+}
+
+fn frames(text: &str) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|count| (2..=view_poses::MOST).contains(count));
+    count.ok_or_else(|| format!("expected a number of frames, 2 to {}", view_poses::MOST))
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

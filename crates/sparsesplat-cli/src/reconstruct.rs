@@ -41,8 +41,6 @@ pub(crate) struct Arguments {
     /// Estimate the poses first, and keep them beside the scene (scene-poses/ for scene.ply)
     #[arg(long, conflicts_with_all = ["format", "index"])]
     poses: bool,
-    #[command(flatten)]
-    how: How,
     /// Layout of the data set: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: recognised by its files]
     #[arg(long, value_name = "LAYOUT")]
     format: Option<Format>,
@@ -67,6 +65,8 @@ pub(crate) struct Arguments {
     /// Measure held-out views (frames between the chosen ones, or the window's targets) and write a report with pictures
     #[arg(long, value_name = "PATH")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    how: How,
     #[command(flatten)]
     pipeline: Pipeline,
 }

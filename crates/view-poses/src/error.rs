@@ -42,7 +42,7 @@ pub enum Error {
         reasons: Vec<String>,
     },
     /// More photographs than are matched pair by pair.
-    #[error("{}: {found} photographs, expected at most {limit}: every pair is matched, so the time grows with the square; take every n-th photograph", path.display())]
+    #[error("{}: {found} photographs, expected at most {limit}: every pair is matched, so the time grows with the square; take fewer of them", path.display())]
     TooMany {
         /// The folder.
         path: PathBuf,

@@ -2,6 +2,7 @@
 
 use crate::colmap::{Colmap, INSTALL};
 use crate::engine::{Engine, Guess, Solution, Step, Task};
+use crate::error::MINIMUM;
 use crate::level::{Levelling, level};
 use crate::photographs::{MOST, chain, list_photographs, prepare_photographs};
 use crate::verdict::{Verdict, judge, write_data_set};
@@ -67,7 +68,7 @@ pub struct Estimate {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Source {
     /// Folder or video, as it was given.
-    pub input: PathBuf,
+    pub input: String,
     /// Pictures, or 1 for a video.
     pub files: usize,
     /// Their bytes together.
@@ -125,15 +126,18 @@ pub fn estimate_poses(
     };
     std::fs::create_dir_all(&work).map_err(file("make the folder", &work))?;
     let files = if video {
-        let cut = Cut { frames: settings.cut.frames.min(MOST), ..settings.cut };
-        frames(input, cut, &work.join("frames"), on_step)?
+        let wanted = settings.cut.frames;
+        if wanted > MOST {
+            return Err(Error::TooMany { path: input.to_path_buf(), found: wanted, limit: MOST });
+        }
+        frames(input, settings.cut, &work.join("frames"), on_step)?
     } else {
         files
     };
     let read = |done, of| on_step(Step::Read(done, of));
     let prepared = prepare_photographs(input, &files, &images, settings.keep_all, &read);
     let prepared = prepared.map_err(|error| match error {
-        Error::TooFew { found, usable, .. } if video => {
+        Error::TooFew { found, usable, .. } if video && found >= MINIMUM => {
             Error::StandsStill { path: input.to_path_buf(), frames: found, different: usable }
         }
         error => error,
@@ -204,7 +208,7 @@ fn source(input: &Path, files: &[PathBuf]) -> Result<Source> {
         let found = std::fs::metadata(file);
         bytes += found.map_err(|source| Error::File { action: "read", path: file.clone(), source })?.len();
     }
-    Ok(Source { input: input.to_path_buf(), files: files.len(), bytes })
+    Ok(Source { input: input.display().to_string(), files: files.len(), bytes })
 }
 
 /// The engines to ask, with the guesses to begin with.

@@ -49,7 +49,7 @@ impl Engine for OpenMvg {
             .view_intrinsics(task.photographs.iter().map(|photograph| IntrinsicId::new(photograph.camera)))
             .build()?;
         let progress = Progress(on_step);
-        let nothing = |error| match error {
+        let nothing = |error: SfmError| match error {
             SfmError::InvalidInput(said) => {
                 Error::NothingMatches { photographs: task.photographs.len(), engine: self.name(), said }
             }
