@@ -74,7 +74,7 @@ impl Engine for Colmap {
                     LONG_SIDE,
                 )
                 .text("--SiftExtraction.max_num_features", FEATURES);
-            if camera.focal_pixels.is_some() || !task.guess.free {
+            if camera.focal_pixels.is_some() {
                 let (focal, [cx, cy]) =
                     (task.focal(camera), [camera.width, camera.height].map(|side| side as f64 / 2.0));
                 call = call.text("--ImageReader.camera_params", &format!("{focal},{cx},{cy},0"));

@@ -27,8 +27,6 @@ pub struct Task<'a> {
     pub photographs: &'a [Photograph],
     /// Their cameras.
     pub cameras: &'a [CameraGroup],
-    /// Where the focal length of a camera is not known: a first guess, in long sides of the picture.
-    pub guess: Guess,
     /// Whether the photographs are frames of a video, in order.
     pub sequence: bool,
     /// Seed of random draws.
@@ -37,26 +35,13 @@ pub struct Task<'a> {
     pub work: &'a Path,
 }
 
-/// A first guess of a focal length.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Guess {
-    /// Long sides of the picture.
-    pub long_sides: f64,
-    /// Whether the engine may go far from it at once, or only refine it.
-    pub free: bool,
-}
-
-impl Default for Guess {
-    /// A phone's main camera has 0.7 to 0.8, cameras with zoom 1 to 3.
-    fn default() -> Self {
-        Self { long_sides: 1.2, free: true }
-    }
-}
+/// First guess of a focal length that EXIF data do not give, long sides of the picture: phones have 0.7 to 0.8, zoom lenses 1 to 3.
+const GUESS: f64 = 1.2;
 
 impl Task<'_> {
     /// The first focal length of a camera, pixels.
     pub(crate) fn focal(&self, camera: &CameraGroup) -> f64 {
-        camera.focal_pixels.unwrap_or(self.guess.long_sides * camera.width.max(camera.height) as f64)
+        camera.focal_pixels.unwrap_or(GUESS * camera.width.max(camera.height) as f64)
     }
 }
 
@@ -74,7 +59,7 @@ pub enum Step {
     Match,
     /// Finding poses.
     Poses,
-    /// The named engine begins again, with another first guess.
+    /// The result is doubtful; the named engine begins.
     Again(&'static str),
     /// Comparing poses with matches that were found without them.
     Check,

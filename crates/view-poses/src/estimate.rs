@@ -1,7 +1,7 @@
 //! From photographs or a video to a posed data set.
 
 use crate::colmap::{Colmap, INSTALL};
-use crate::engine::{Engine, Guess, Solution, Step, Task};
+use crate::engine::{Engine, Solution, Step, Task};
 use crate::error::MINIMUM;
 use crate::level::{Levelling, level};
 use crate::photographs::{MOST, chain, list_photographs, prepare_photographs};
@@ -16,8 +16,7 @@ use view_data::{Dropped, Staging};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EngineChoice {
-    /// openMVG-rs; where its result is doubtful, again from other focal lengths; where it still is, COLMAP if it is there. The best result is
-    /// taken.
+    /// openMVG-rs; where its result is doubtful, COLMAP too if it is there. The better result is taken.
     #[default]
     Auto,
     /// openMVG-rs.
@@ -80,8 +79,6 @@ pub struct Source {
 pub struct Attempt {
     /// The engine.
     pub engine: &'static str,
-    /// First guess of unknown focal lengths, long sides of the picture.
-    pub guess: f64,
     /// What was measured of its result.
     pub verdict: Option<Verdict>,
     /// Why it has none.
@@ -147,7 +144,6 @@ pub fn estimate_poses(
         images: &images,
         photographs: &prepared.photographs,
         cameras: &prepared.cameras,
-        guess: Guess::default(),
         sequence: video,
         seed: settings.seed,
         work: &work,
@@ -211,23 +207,19 @@ fn source(input: &Path, files: &[PathBuf]) -> Result<Source> {
     Ok(Source { input: input.display().to_string(), files: files.len(), bytes })
 }
 
-/// The engines to ask, with the guesses to begin with.
-fn engines(choice: EngineChoice) -> Result<Vec<(Box<dyn Engine>, &'static [Guess])>> {
-    // Where a first result is doubtful the focal length may have gone astray: a phone's main camera, then a tele lens.
-    const FIRST: Guess = Guess { long_sides: 1.2, free: true };
-    const GUESSES: &[Guess] =
-        &[FIRST, Guess { long_sides: 0.8, free: false }, Guess { long_sides: 1.8, free: false }];
-    let mut engines: Vec<(Box<dyn Engine>, &'static [Guess])> = Vec::new();
+/// The engines to ask.
+fn engines(choice: EngineChoice) -> Result<Vec<Box<dyn Engine>>> {
+    let mut engines: Vec<Box<dyn Engine>> = Vec::new();
     if choice != EngineChoice::Colmap {
         #[cfg(feature = "openmvg")]
-        engines.push((Box::new(crate::OpenMvg), GUESSES));
+        engines.push(Box::new(crate::OpenMvg));
         #[cfg(not(feature = "openmvg"))]
         if choice == EngineChoice::OpenMvg || !Colmap::is_there() {
             return Err(Error::NotBuilt);
         }
     }
     if choice == EngineChoice::Colmap || choice == EngineChoice::Auto && Colmap::is_there() {
-        engines.push((Box::new(Colmap), &GUESSES[..1]));
+        engines.push(Box::new(Colmap));
     }
     Ok(engines)
 }
@@ -242,7 +234,7 @@ struct Candidate {
 
 /// The first result without doubts, or else the best.
 fn best_of(
-    engines: &[(Box<dyn Engine>, &'static [Guess])],
+    engines: &[Box<dyn Engine>],
     task: &Task<'_>,
     folder: &Path,
     on_step: &(dyn Fn(Step) + Sync),
@@ -250,44 +242,36 @@ fn best_of(
     let mut attempts = Vec::new();
     let mut best: Option<Candidate> = None;
     let mut failure = None;
-    let unknown = task.cameras.iter().any(|camera| camera.focal_pixels.is_none());
-    for (engine, guesses) in engines {
-        // Guesses have no effect where EXIF data know.
-        for (number, guess) in guesses[..if unknown { guesses.len() } else { 1 }].iter().enumerate() {
-            if !attempts.is_empty() {
-                on_step(Step::Again(engine.name()));
-            }
-            let work = task.work.join(format!("{}-{number}", engine.name()));
-            std::fs::create_dir_all(&work).map_err(|source| Error::File {
-                action: "make the folder",
-                path: work.clone(),
-                source,
-            })?;
-            let task = Task { guess: *guess, work: &work, ..*task };
-            let mut attempt =
-                Attempt { engine: engine.name(), guess: guess.long_sides, verdict: None, failed: None };
-            match engine.estimate(&task, on_step) {
-                Ok(solution) => {
-                    let mut solution = solution.without_nonsense(task.photographs);
-                    let levelling = level(&mut solution);
-                    on_step(Step::Check);
-                    let verdict = judge(&solution, &task, folder)?;
-                    attempt.verdict = Some(verdict.clone());
-                    let candidate = Candidate { engine: engine.name(), solution, levelling, verdict };
-                    if best.as_ref().is_none_or(|best| candidate.verdict.is_better_than(&best.verdict)) {
-                        best = Some(candidate);
-                    }
-                }
-                Err(error) => {
-                    attempt.failed = Some(chain(&error));
-                    failure.get_or_insert(error);
+    for engine in engines {
+        if !attempts.is_empty() {
+            on_step(Step::Again(engine.name()));
+        }
+        let work = task.work.join(engine.name());
+        std::fs::create_dir_all(&work).map_err(|source| Error::File {
+            action: "make the folder",
+            path: work.clone(),
+            source,
+        })?;
+        let task = Task { work: &work, ..*task };
+        let mut attempt = Attempt { engine: engine.name(), verdict: None, failed: None };
+        match engine.estimate(&task, on_step) {
+            Ok(solution) => {
+                let mut solution = solution.without_nonsense(task.photographs);
+                let levelling = level(&mut solution);
+                on_step(Step::Check);
+                let verdict = judge(&solution, &task, folder)?;
+                attempt.verdict = Some(verdict.clone());
+                let candidate = Candidate { engine: engine.name(), solution, levelling, verdict };
+                if best.as_ref().is_none_or(|best| candidate.verdict.is_better_than(&best.verdict)) {
+                    best = Some(candidate);
                 }
             }
-            attempts.push(attempt);
-            if best.as_ref().is_some_and(|best| best.verdict.doubts.is_empty()) {
-                break;
+            Err(error) => {
+                attempt.failed = Some(chain(&error));
+                failure.get_or_insert(error);
             }
         }
+        attempts.push(attempt);
         if best.as_ref().is_some_and(|best| best.verdict.doubts.is_empty()) {
             break;
         }

@@ -20,7 +20,7 @@ mod verdict;
 mod estimate;
 
 pub use colmap::Colmap;
-pub use engine::{Engine, Guess, Pose, Solution, Step, Task};
+pub use engine::{Engine, Pose, Solution, Step, Task};
 pub use error::{Error, Result};
 pub use estimate::{
     Attempt, EngineChoice, Estimate, NotUsed, RECORD, Settings, Source, estimate_poses, is_made_from,

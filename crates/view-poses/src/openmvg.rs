@@ -43,9 +43,7 @@ impl Engine for OpenMvg {
             .root_seed(Dataset::DEFAULT_SEED.wrapping_add(task.seed))
             .image_meta(images)
             .camera_models(cameras)
-            .intrinsic_priors(
-                task.cameras.iter().map(|group| prior(group.focal_pixels.is_some() || !task.guess.free)),
-            )
+            .intrinsic_priors(task.cameras.iter().map(|group| prior(group.focal_pixels.is_some())))
             .view_intrinsics(task.photographs.iter().map(|photograph| IntrinsicId::new(photograph.camera)))
             .build()?;
         let progress = Progress(on_step);

@@ -193,7 +193,7 @@ mod tests {
     fn each_stretch_gives_its_sharpest_frame() {
         assert_eq!(sharpest(&[1.0, 5.0, 2.0, 2.0, 9.0, 9.0, 0.0], 3), [1, 2, 4]);
         assert_eq!(sharpest(&[1.0, f64::NAN], 5), [0, 1]);
-        assert_eq!(sharpest(&[], 5), []);
+        assert!(sharpest(&[], 5).is_empty());
     }
 
     #[test]

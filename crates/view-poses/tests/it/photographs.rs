@@ -52,12 +52,13 @@ fn damaged_copied_and_blurred_photographs_are_left_out_with_the_reason() {
 fn photographs_are_turned_and_grouped_by_camera() {
     let set = Set::new();
     let upright = picture(&views()[0]);
-    let exif = |name: &str, picture, orientation, focal| {
+    let exif = |name: &str, picture: &image::RgbImage, orientation, focal| {
         jpeg_with_exif(&set.photographs().join(name), picture, orientation, focal);
     };
     exif("a.jpg", &upright, 1, 28);
     // Orientation 8: the picture has to be turned by 270 degrees, so it is stored turned by 90.
-    exif("b.jpg", &rotate90(&picture(&views()[2])), 8, 28);
+    let lying = rotate90(&picture(&views()[2]));
+    exif("b.jpg", &lying, 8, 28);
     exif("c.jpg", &picture(&views()[4]), 1, 50);
     picture(&views()[6]).save(set.photographs().join("d.jpg")).unwrap();
     let found = prepare(&set, false).unwrap();
