@@ -1,7 +1,7 @@
 //! Which photographs are taken, and how.
 
 use crate::scenes::{Set, jpeg_with_exif, picture, views};
-use image::imageops::{blur, rotate90};
+use image::imageops::{blur, rotate90, rotate180};
 use std::path::Path;
 use view_poses::{Error, Photographs, list_photographs, prepare_photographs};
 
@@ -77,7 +77,10 @@ fn photographs_are_turned_and_grouped_by_camera() {
             a.as_raw().iter().zip(b.as_raw()).map(|(a, b)| (i64::from(*a) - i64::from(*b)).abs()).sum();
         sum as f64 / a.as_raw().len() as f64
     };
-    assert!(difference(&written, &picture(&views()[2])) < 4.0);
+    // Compressed twice, it is not the same to the bit; upside down it would be far off.
+    let expected = picture(&views()[2]);
+    let (right, wrong) = (difference(&written, &expected), difference(&written, &rotate180(&expected)));
+    assert!(right < 0.5 * wrong, "{right} {wrong}");
 }
 
 #[test]
