@@ -26,11 +26,13 @@ pub struct Photograph {
     /// Whether it was turned as EXIF says.
     pub turned: bool,
     /// The picture, reduced: colours of points are taken from it.
+    #[cfg_attr(not(feature = "openmvg"), allow(dead_code, reason = "COLMAP finds colours itself"))]
     colours: RgbImage,
 }
 
 impl Photograph {
     /// The colour at a pixel position.
+    #[cfg_attr(not(feature = "openmvg"), allow(dead_code, reason = "COLMAP finds colours itself"))]
     pub(crate) fn colour(&self, pixel: glam::DVec2) -> [u8; 3] {
         let (width, height) = self.colours.dimensions();
         let at = |at: f64, of: usize, to: u32| ((at / of as f64 * f64::from(to)) as u32).min(to - 1);
@@ -101,7 +103,7 @@ pub fn list_photographs(folder: &Path) -> Result<Vec<PathBuf>> {
                 _ if hidden || !path.is_file() => {}
                 "jpg" | "jpeg" | "png" => files.push(path),
                 "heic" | "heif" | "tif" | "tiff" | "dng" | "webp" | "cr2" | "nef" | "arw" | "avif" => {
-                    other += 1
+                    other += 1;
                 }
                 _ => {}
             }
