@@ -57,8 +57,11 @@ pub(crate) fn guard(root: &Path) -> io::Result<Vec<String>> {
 
 /// What the step before built, selected in the same words: nothing is compiled anew.
 fn all_built(root: &Path) -> io::Result<Vec<Built>> {
-    let build = ["test", "--workspace", "--features", crate::EXTRAS, "--no-run", "--message-format", "json"];
-    Ok(said(cargo(build).current_dir(root))?.lines().filter_map(built_by).collect())
+    let selection = ["test", "--workspace", "--features", crate::EXTRAS, crate::ANY_RUST];
+    Ok(said(cargo(selection).args(["--no-run", "--message-format", "json"]).current_dir(root))?
+        .lines()
+        .filter_map(built_by)
+        .collect())
 }
 
 /// An executable, and the folder of its crate.

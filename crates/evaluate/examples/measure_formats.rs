@@ -2,9 +2,10 @@
 //!
 //! `cargo run --release -p evaluate --example measure_formats [GAUSSIANS]` prints the table of docs/bench/formats.md.
 
-use evaluate::{Method, SIMULATED_SIZE, SimulatedScene, Window, render_view, run_window, simulated_window};
+use evaluate::{Method, render_view, run_window};
 use gs_raster::Rasterizer;
 use gs_scene::Gaussians;
+use scene_windows::{SIMULATED_SIZE, SimulatedScene, Window, simulated_window};
 use sparsesplat::{Budget, Config};
 use splat_formats::{Format, read_scene, write_scene};
 use std::error::Error;

@@ -1,6 +1,7 @@
 //! How a command can fail, and the exit code that says so.
 
 use std::fmt::Display;
+use view_data::Unposed;
 
 /// Why a command gave up.
 #[derive(Debug)]
@@ -69,6 +70,9 @@ fn argument(error: &anyhow::Error) -> Option<&'static str> {
             return match error {
                 view_data::Error::MixedSizes { .. } => Some("--size WxH"),
                 view_data::Error::TooFewFrames { .. } => Some("--views N"),
+                view_data::Error::NoPoses { found: Unposed::Photographs(_) | Unposed::Video, .. } => {
+                    Some("`sparsesplat poses INPUT -o SCENE` estimates them, then give SCENE; or reconstruct INPUT --poses -o scene.ply")
+                }
                 view_data::Error::Disconnected { connected, .. } if *connected >= 2 => Some("--views N"),
                 _ => None,
             };

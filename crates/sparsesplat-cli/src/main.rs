@@ -1,4 +1,4 @@
-//! The `sparsesplat` command: posed photographs in, a compact set of 3D Gaussians out, and the figures that say how good
+//! The `sparsesplat` command: photographs in, a compact set of 3D Gaussians out, and the figures that say how good
 //! they are. The only place that prints.
 
 mod ablate;
@@ -18,6 +18,7 @@ mod failure;
 mod given;
 mod output;
 mod paper;
+mod poses;
 mod progress;
 mod reconstruct;
 mod render;
@@ -37,7 +38,7 @@ use failure::{Failure, OrFail, Outcome};
 use given::Given;
 use std::process::ExitCode;
 
-/// Turn posed photographs into a compact set of 3D Gaussians in one pass; no GPU needed
+/// Turn photographs into a compact set of 3D Gaussians in one pass; no GPU needed
 #[derive(Debug, Parser)]
 #[command(version, after_help = HELP)]
 struct Cli {
@@ -50,7 +51,8 @@ struct Cli {
 const HELP: &str = "\
 Start here:
   sparsesplat demo                                         simulate a scene and reconstruct it; nothing to download
-  sparsesplat reconstruct PHOTOS -o scene.ply              reconstruct your own posed photographs
+  sparsesplat reconstruct PHOTOS --poses -o scene.ply      reconstruct your own photographs
+  sparsesplat poses PHOTOS|VIDEO -o SCENE                  estimate camera poses alone
   sparsesplat render scene.ply --cameras PHOTOS -o out     render a scene
   sparsesplat convert scene.ply scene.spz                  change the file format of a scene
   sparsesplat view scene.ply --cameras PHOTOS              write a page that shows a scene in the browser
@@ -69,6 +71,7 @@ Exit codes: 0 success, 1 failure during work, 2 wrong arguments or input.";
 enum Command {
     Demo(demo::Arguments),
     Reconstruct(reconstruct::Arguments),
+    Poses(poses::Arguments),
     Render(render::Arguments),
     Convert(convert::Arguments),
     View(view::Arguments),
@@ -108,6 +111,7 @@ fn run(cli: &Cli) -> Outcome {
     match &cli.command {
         Command::Demo(arguments) => demo::run(arguments, common),
         Command::Reconstruct(arguments) => reconstruct::run(arguments, common),
+        Command::Poses(arguments) => poses::run(arguments, common),
         Command::Render(arguments) => render::run(arguments, common),
         Command::Convert(arguments) => convert::run(arguments, common),
         Command::View(arguments) => view::run(arguments, common),

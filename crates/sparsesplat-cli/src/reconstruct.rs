@@ -5,6 +5,7 @@ use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::output;
 use crate::output::{Outputs, named};
+use crate::poses::{How, OnTheWay};
 use crate::progress::{Progress, describe};
 use crate::summary::{
     counts_line, held_out_line, memory_line, print_line, refinement_line, seconds_line, shortfall,
@@ -20,12 +21,14 @@ use std::path::PathBuf;
 use std::time::Instant;
 use view_data::Format;
 
-/// Reconstruct a 3D Gaussian scene from posed photographs
+/// Reconstruct a 3D Gaussian scene from photographs
 ///
-/// INPUT is a data set with poses: nerfstudio, COLMAP, Replica, TUM RGB-D, ScanNet, DL3DV or RealEstate10K. From its frames a connected set of views is
+/// INPUT is a data set with poses: nerfstudio, COLMAP, Replica, TUM RGB-D, ScanNet, DL3DV or RealEstate10K; or, with --poses, a folder
+/// of photographs or a video without poses. From its frames a connected set of views is
 /// chosen that covers as much of the scene as possible; --index and --window take the context views of an index file instead.
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
+    sparsesplat reconstruct photos --poses -o scene.ply                 photographs without poses; so does video.mp4\n  \
     sparsesplat reconstruct data/fox -o fox.ply\n  \
     sparsesplat reconstruct data/fox -o fox.spz                         an eighth of the size, for viewers\n  \
     sparsesplat reconstruct data/fox --views 8 --gaussians 150k -o fox.ply --report fox.html\n  \
@@ -34,8 +37,11 @@ use view_data::Format;
     sparsesplat reconstruct data/kitchen --backbone given-depth --tau 0.3 -o kitchen.ply\n  \
     sparsesplat reconstruct data/fox --backbone depthsplat --weights depthsplat-gs-small-....pth --depth-range hint -o fox.ply")]
 pub(crate) struct Arguments {
-    /// Folder of a posed data set, or the file that describes it
+    /// Folder of a posed data set, or the file that describes it; with --poses, a folder of photographs or a video
     input: PathBuf,
+    /// Estimate the poses first, and keep them beside the scene (scene-poses/ for scene.ply)
+    #[arg(long, conflicts_with_all = ["format", "index"])]
+    poses: bool,
     /// Layout of the data set: nerfstudio, colmap, replica, tum, scannet, chunk, dl3dv or re10k [default: recognised by its files]
     #[arg(long, value_name = "LAYOUT")]
     format: Option<Format>,
@@ -62,6 +68,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "PATH")]
     report: Option<PathBuf>,
     #[command(flatten)]
+    how: How,
+    #[command(flatten)]
     pipeline: Pipeline,
 }
 
@@ -72,6 +80,8 @@ struct Record<'a, C> {
     name: &'a str,
     views: usize,
     choice: Option<&'a Choice>,
+    /// Estimation of the poses, where that was asked for; its seconds are part of the total.
+    poses: Option<&'a OnTheWay>,
     /// What was subtracted from the positions of the data; the scene lacks it.
     offset: Option<[f64; 3]>,
     #[serde(flatten)]
@@ -90,9 +100,18 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         .check()?;
     let depth_hint = arguments.pipeline.depth_range == Range::Hint;
     let reading = Reading { format: arguments.format, size: arguments.size, depth_hint };
+    let progress = Progress::new(1);
+    let poses = if arguments.poses {
+        let (scene, input) = (&arguments.output, &arguments.input);
+        Some(OnTheWay::beside(scene, input, &arguments.how, common, &progress)?)
+    } else {
+        common.given.refuse(&How::NAMES, "it is for --poses, which estimates poses first")?;
+        None
+    };
+    let input = poses.as_ref().map_or(&arguments.input, |poses| &poses.folder);
     let plan = match (&arguments.index, &arguments.window) {
-        (Some(index), Some(key)) => Plan::window(&arguments.input, index, key, reading),
-        _ => Plan::selection(&arguments.input, arguments.views, reading),
+        (Some(index), Some(key)) => Plan::window(input, index, key, reading),
+        _ => Plan::selection(input, arguments.views, reading),
     }
     .or_input()?;
     outputs.spare(plan.files().iter().map(PathBuf::as_path))?;
@@ -105,7 +124,6 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let renders = arguments.report.is_some() || method.refine.is_some();
     let mut rasterizer = if renders { device::rasterizer(common.device)? } else { Rasterizer::cpu() };
     let device = renders.then(|| UsedDevice::of(&rasterizer));
-    let progress = Progress::new(1);
     progress.warn_of_data(plan.name(), &plan);
     progress.say(describe(Step::Load));
     let window = plan.load(arguments.report.is_some()).or_input()?;
@@ -121,7 +139,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     output::write_scene(&arguments.output, format, gaussians, |loss| progress.warn(loss))?;
     let seconds = &mut outcome.figures.figures.seconds;
     seconds.write = begin.elapsed().as_secs_f64();
-    seconds.total += seconds.write;
+    seconds.total += seconds.write + poses.as_ref().map_or(0.0, |poses| poses.seconds);
 
     let peak = peak_rss_bytes();
     let recipe = crate::recipe(arguments.seed, &method);
@@ -144,6 +162,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             name: &window.name,
             views: window.context.len(),
             choice: plan.choice(),
+            poses: poses.as_ref(),
             offset: plan.offset(),
             figures: &outcome.figures,
             device: device.as_ref(),
@@ -156,6 +175,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     drop(progress);
 
+    for line in poses.iter().flat_map(OnTheWay::lines) {
+        print_line(&line);
+    }
     let names: Vec<&str> = window.context.iter().map(|view| view.name()).collect();
     print_line(&format!("views      {}: {}", names.len(), names.join(", ")));
     if let Some(uncovered) = plan.choice().and_then(|choice| choice.uncovered) {

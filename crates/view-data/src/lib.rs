@@ -51,6 +51,7 @@ pub use jpeg::JpegRule;
 pub use nerfstudio::open_nerfstudio;
 pub use open::{Scenes, Unposed, open, open_all};
 pub use overlap::Overlaps;
+pub use picture::decode_picture;
 pub use points::{Observation, ScenePoint};
 pub use re10k::{Re10kRule, list_re10k, open_re10k};
 pub use replica::open_replica;
@@ -61,6 +62,6 @@ pub use select::{Selection, select_views};
 pub use stream::ViewStream;
 pub use tum::{open_tum, open_tum_within};
 pub use windows::windows_along;
-pub use write::{DatasetWriter, Layout, PictureFormat, WriteRule, Written};
+pub use write::{DatasetWriter, Layout, PictureFormat, PosedFrame, Staging, WriteRule, Written, write_posed};
 
 pub use tensor_files::TorchRule;

@@ -184,21 +184,16 @@ impl Unposed {
 /// What it is, and what to do.
 impl std::fmt::Display for Unposed {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        const COLMAP: &str = "put the pictures into SCENE/images, run `colmap automatic_reconstructor --workspace_path SCENE \
-                              --image_path SCENE/images --single_camera 1 --dense 0`, and give SCENE";
         match self {
             Self::Photographs(1) => {
                 f.write_str("a picture, expected several with the poses of their cameras")
             }
-            Self::Photographs(n) => write!(
-                f,
-                "{n} pictures without the poses of their cameras, which are needed and which COLMAP can estimate: {COLMAP}"
-            ),
-            Self::Video => write!(
-                f,
-                "a video: take pictures from it (`ffmpeg -i VIDEO -vf fps=2 SCENE/images/%04d.png`), and have COLMAP estimate the poses \
-                 of their cameras: {COLMAP}"
-            ),
+            Self::Photographs(n) => {
+                write!(f, "{n} pictures without the poses of their cameras, which have to be estimated first")
+            }
+            Self::Video => {
+                f.write_str("a video without the poses of its camera, which have to be estimated first")
+            }
             Self::Archive => f.write_str("an archive: unpack it, and give the folder"),
         }
     }

@@ -93,6 +93,16 @@ pub(crate) fn read_image(image: &ImageSource, frame: &str) -> Result<Image> {
     image.map_err(|source| Error::View { frame: frame.to_owned(), source })
 }
 
+/// Decodes a PNG or JPEG file, and returns its bytes as well. Orientation and colour profiles are not applied.
+///
+/// # Errors
+/// If the file cannot be read, is damaged or cut short, or has more pixels than a view may have.
+pub fn decode_picture(path: &Path) -> Result<(DynamicImage, Vec<u8>)> {
+    let source = ImageSource::File(path.to_path_buf());
+    let bytes = read_bytes(&source, "", u64::MAX)?;
+    Ok((decode(&source, &bytes)?, bytes))
+}
+
 /// Decodes the bytes of a picture.
 pub(crate) fn decode(image: &ImageSource, bytes: &[u8]) -> Result<DynamicImage> {
     if bytes.starts_with(&[0xff, 0xd8]) {

@@ -15,6 +15,7 @@ mod lpips;
 mod lpips_recipe;
 mod outputs;
 mod paper;
+mod poses;
 mod settings;
 mod tiny;
 mod tradeoff;

@@ -2,8 +2,8 @@
 //! same depth.
 
 use super::samples::{CELLS, cell_of, depth_at, samples};
-use super::{FrameToWrite, write_file};
-use crate::Result;
+use super::{FrameToWrite, PosedFrame, write_file};
+use crate::{Result, ScenePoint};
 use glam::{DQuat, DVec2, DVec3};
 use gs_scene::{Camera, Lens};
 use std::fmt::Write as _;
@@ -33,6 +33,8 @@ struct ModelImage {
 struct Point {
     position: DVec3,
     colour: [u8; 3],
+    /// Mean reprojection error, pixels; 0 for samples of depth.
+    error: f64,
     /// Position of the image, position in its list of points.
     track: Vec<(usize, usize)>,
 }
@@ -47,12 +49,37 @@ impl Model {
         Self { text, lenses: Vec::new(), images: Vec::new(), points: Vec::new() }
     }
 
+    /// Frames whose pictures lie there already, and their points.
+    pub(super) fn of_posed(frames: &[PosedFrame], points: &[ScenePoint]) -> Self {
+        let mut model = Self::new(false);
+        for frame in frames {
+            let (name, lens) = (frame.picture.clone(), model.lens(&frame.lens));
+            model.images.push(ModelImage { name, lens, camera: frame.camera, seen: Vec::new() });
+        }
+        for (index, point) in points.iter().enumerate() {
+            let mut track = Vec::with_capacity(point.observations.len());
+            for observation in &point.observations {
+                let seen = &mut model.images[observation.frame].seen;
+                track.push((observation.frame, seen.len()));
+                seen.push((observation.pixel, index));
+            }
+            let (colour, error) = (point.colour.unwrap_or([128; 3]), point.error.unwrap_or(0.0));
+            model.points.push(Point { position: point.position, colour, error, track });
+        }
+        model
+    }
+
+    /// Position of a lens in the list, where it is put if it is new.
+    fn lens(&mut self, lens: &Lens) -> usize {
+        self.lenses.iter().position(|other| other == lens).unwrap_or_else(|| {
+            self.lenses.push(*lens);
+            self.lenses.len() - 1
+        })
+    }
+
     pub(super) fn add(&mut self, frame: &FrameToWrite<'_>) -> Result<u64> {
         let path = frame.write_picture()?;
-        let lens = self.lenses.iter().position(|lens| lens == frame.lens).unwrap_or_else(|| {
-            self.lenses.push(*frame.lens);
-            self.lenses.len() - 1
-        });
+        let lens = self.lens(frame.lens);
         let name = path.trim_start_matches("images/").to_owned();
         let mut image = ModelImage { name, lens, camera: *frame.view.camera(), seen: Vec::new() };
         let mut taken = [false; CELLS * CELLS];
@@ -71,7 +98,12 @@ impl Model {
             if !taken[cell] {
                 let track = vec![(frame.index, image.seen.len())];
                 image.seen.push((sample.pixel, self.points.len()));
-                self.points.push(Point { position: sample.position, colour: sample.colour, track });
+                self.points.push(Point {
+                    position: sample.position,
+                    colour: sample.colour,
+                    error: 0.0,
+                    track,
+                });
             }
         }
         self.images.push(image);
@@ -145,8 +177,7 @@ impl Model {
             out.u64(u64::from(id(index)));
             point.position.to_array().iter().for_each(|value| out.f64(*value));
             out.0.extend_from_slice(&point.colour);
-            // Reprojection error: positions and pixels are exact.
-            out.f64(0.0);
+            out.f64(point.error);
             out.count(point.track.len());
             for (image, place) in &point.track {
                 out.u32(id(*image)).u32(*place as u32);
@@ -189,7 +220,8 @@ impl Model {
             let [r, g, b] = point.colour;
             let track = point.track.iter().map(|(image, place)| format!("{} {place}", id(*image)));
             let (position, track) = (words(&point.position.to_array()), track.collect::<Vec<_>>().join(" "));
-            writeln!(text, "{} {position} {r} {g} {b} 0 {track}", id(index)).expect("a String takes all");
+            writeln!(text, "{} {position} {r} {g} {b} {} {track}", id(index), point.error)
+                .expect("a String takes all");
         }
         text
     }

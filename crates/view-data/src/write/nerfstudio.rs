@@ -1,9 +1,9 @@
 //! nerfstudio's `transforms.json`.
 
-use super::{FrameToWrite, samples, write_file};
-use crate::{DepthPercentiles, Result, exr_depth};
+use super::{FrameToWrite, PosedFrame, samples, write_file};
+use crate::{DepthPercentiles, Result, ScenePoint, exr_depth};
 use glam::DVec3;
-use gs_scene::Lens;
+use gs_scene::{Camera, Lens};
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
@@ -17,14 +17,7 @@ pub(super) struct Transforms {
 
 impl Transforms {
     pub(super) fn add(&mut self, frame: &FrameToWrite<'_>) -> Result<u64> {
-        let camera = frame.view.camera();
-        // OpenGL's axes: y up, z backward.
-        let axes = camera.rotation().transpose() * glam::DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
-        let position = camera.position();
-        let row = |i: usize| json!([axes.x_axis[i], axes.y_axis[i], axes.z_axis[i], position[i]]);
-        let mut entry = Map::new();
-        entry.insert("file_path".into(), frame.write_picture()?.into());
-        entry.insert("transform_matrix".into(), json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]));
+        let mut entry = entry(frame.view.camera(), frame.write_picture()?);
         if let Some(map) = frame.view.depth() {
             let path = format!("depth/{}.exr", frame.view.name());
             exr_depth::write(map, &frame.folder.join(&path))?;
@@ -36,6 +29,20 @@ impl Transforms {
         Ok(0)
     }
 
+    /// Frames whose pictures lie there already, without depth of their own.
+    pub(super) fn of_posed(frames: &[PosedFrame], points: &[ScenePoint]) -> Self {
+        let seen = |point: &ScenePoint| {
+            let position = point.position;
+            let depth = move |frame: usize| frames[frame].camera.to_camera(position).z as f32;
+            point.observations.iter().map(|seen| depth(seen.frame)).collect::<Vec<_>>()
+        };
+        let path = |frame: &PosedFrame| format!("images/{}", frame.picture);
+        Self {
+            frames: frames.iter().map(|frame| (frame.lens, entry(&frame.camera, path(frame)))).collect(),
+            depths: points.iter().flat_map(seen).collect(),
+        }
+    }
+
     pub(super) fn finish(&self, folder: &Path) -> Result<()> {
         let mut file = Map::new();
         let common = self.frames[0].0;
@@ -43,15 +50,15 @@ impl Transforms {
         if one_lens {
             file.extend(lens_keys(&common));
         }
-        if !self.depths.is_empty() {
+        if self.frames.iter().any(|(_, entry)| entry.contains_key("depth_file_path")) {
             // EXR files hold scene units.
             file.insert("depth_unit_scale_factor".into(), 1.0.into());
-            if let Some(DepthPercentiles { p0_5, p2, p50, p98, p99_5 }) =
-                DepthPercentiles::of(&mut self.depths.clone())
-            {
-                let percentiles = json!({ "0.5": p0_5, "2": p2, "50": p50, "98": p98, "99.5": p99_5 });
-                file.insert("scene_depth_percentiles".into(), percentiles);
-            }
+        }
+        if let Some(DepthPercentiles { p0_5, p2, p50, p98, p99_5 }) =
+            DepthPercentiles::of(&mut self.depths.clone())
+        {
+            let percentiles = json!({ "0.5": p0_5, "2": p2, "50": p50, "98": p98, "99.5": p99_5 });
+            file.insert("scene_depth_percentiles".into(), percentiles);
         }
         let frame = |(lens, entry): &(Lens, Map<String, Value>)| {
             let mut entry = entry.clone();
@@ -64,6 +71,18 @@ impl Transforms {
         let text = format!("{:#}", Value::Object(file));
         write_file(&folder.join("transforms.json"), text.as_bytes())
     }
+}
+
+/// Picture and pose of a frame.
+fn entry(camera: &Camera, file_path: String) -> Map<String, Value> {
+    // OpenGL's axes: y up, z backward.
+    let axes = camera.rotation().transpose() * glam::DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+    let position = camera.position();
+    let row = |i: usize| json!([axes.x_axis[i], axes.y_axis[i], axes.z_axis[i], position[i]]);
+    let mut entry = Map::new();
+    entry.insert("file_path".into(), file_path.into());
+    entry.insert("transform_matrix".into(), json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]));
+    entry
 }
 
 fn lens_keys(lens: &Lens) -> Map<String, Value> {

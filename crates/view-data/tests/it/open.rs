@@ -89,9 +89,9 @@ fn what_has_no_poses_is_called_by_its_name_with_what_to_do() {
     for file in ["clip.MP4", "set.zip", "videos/a.mov", "packed/a.tar.gz"] {
         std::fs::write(folder.path(file), b"").unwrap();
     }
-    refused("flat", &["flat: 2 pictures", "poses", "colmap automatic_reconstructor", "transforms.json"]);
+    refused("flat", &["flat: 2 pictures", "poses", "estimated first", "transforms.json"]);
     refused("below", &["a picture"]);
-    refused("clip.MP4", &["a video", "ffmpeg", "colmap"]);
+    refused("clip.MP4", &["a video", "estimated first"]);
     refused("videos", &["a video"]);
     refused("set.zip", &["an archive: unpack it"]);
     refused("packed", &["an archive"]);

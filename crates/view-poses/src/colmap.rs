@@ -1,0 +1,214 @@
+//! The engine COLMAP: the program, where it is on the PATH.
+
+use crate::engine::{Engine, Pose, Solution, Step, Task};
+use crate::program::{self, run};
+use crate::{Error, Result};
+use std::collections::HashMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use view_data::{Dataset, open_colmap};
+
+/// COLMAP 3.8 or newer, on the CPU, without a window; a lens has a focal length and k1. Its mapper draws random numbers in an order that
+/// depends on its threads: results differ from run to run.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Colmap;
+
+/// How to get it.
+pub(crate) const INSTALL: &str = "Debian and Ubuntu: apt-get install colmap; macOS: brew install colmap; others: https://colmap.github.io/install.html";
+
+const PROGRAM: &str = "colmap";
+/// Enough features for poses, and a third of COLMAP's memory.
+const FEATURES: &str = "4096";
+/// Long side that features are found at, pixels.
+const LONG_SIDE: &str = "1600";
+/// Photographs that are matched exhaustively although they are frames of a video.
+const EXHAUSTIVE: usize = 60;
+
+impl Colmap {
+    /// Whether the program is there.
+    #[must_use]
+    pub fn is_there() -> bool {
+        program::is_there(PROGRAM)
+    }
+}
+
+impl Engine for Colmap {
+    fn name(&self) -> &'static str {
+        "colmap"
+    }
+
+    fn estimate(&self, task: &Task<'_>, on_step: &(dyn Fn(Step) + Sync)) -> Result<Solution> {
+        if !Self::is_there() {
+            return Err(Error::NoProgram {
+                program: PROGRAM,
+                purpose: "for the engine colmap",
+                install: INSTALL,
+            });
+        }
+        let database = task.work.join("database.db");
+        let models = task.work.join("models");
+        let file = |action| {
+            move |path: &Path, result: std::io::Result<()>| {
+                result.map_err(|source| Error::File { action, path: path.to_path_buf(), source })
+            }
+        };
+        file("make the folder")(&models, std::fs::create_dir_all(&models))?;
+
+        on_step(Step::Features);
+        let known = Options::of("feature_extractor", task.work)?;
+        for (number, camera) in task.cameras.iter().enumerate() {
+            // Each call makes a camera of its own for the photographs of its list.
+            let list = task.work.join(format!("camera-{number}.txt"));
+            let names = task.photographs.iter().filter(|photograph| photograph.camera == number);
+            let names: String = names.map(|photograph| format!("{}\n", photograph.name)).collect();
+            file("write")(&list, std::fs::write(&list, names))?;
+            let mut call = Call::new("feature_extractor")
+                .path("--database_path", &database)
+                .path("--image_path", task.images)
+                .path("--image_list_path", &list)
+                .text("--ImageReader.single_camera", "1")
+                .text("--ImageReader.camera_model", "SIMPLE_RADIAL")
+                .text(known.first(["--FeatureExtraction.use_gpu", "--SiftExtraction.use_gpu"]), "0")
+                .text(
+                    known.first(["--FeatureExtraction.max_image_size", "--SiftExtraction.max_image_size"]),
+                    LONG_SIDE,
+                )
+                .text("--SiftExtraction.max_num_features", FEATURES);
+            if camera.focal_pixels.is_some() {
+                let (focal, [cx, cy]) =
+                    (task.focal(camera), [camera.width, camera.height].map(|side| side as f64 / 2.0));
+                call = call.text("--ImageReader.camera_params", &format!("{focal},{cx},{cy},0"));
+            }
+            call.run(task.work)?;
+        }
+
+        on_step(Step::Match);
+        let in_order = task.sequence && task.photographs.len() > EXHAUSTIVE;
+        let matcher = if in_order { "sequential_matcher" } else { "exhaustive_matcher" };
+        let known = Options::of(matcher, task.work)?;
+        Call::new(matcher)
+            .path("--database_path", &database)
+            .text(known.first(["--FeatureMatching.use_gpu", "--SiftMatching.use_gpu"]), "0")
+            .run(task.work)?;
+
+        on_step(Step::Poses);
+        let mapper = Call::new("mapper")
+            .path("--database_path", &database)
+            .path("--image_path", task.images)
+            .path("--output_path", &models)
+            .text("--Mapper.ba_refine_principal_point", "0");
+        let nothing =
+            |said| Error::NothingMatches { photographs: task.photographs.len(), engine: PROGRAM, said };
+        match mapper.run(task.work) {
+            Ok(()) => {}
+            // It ends with an error where it finds no model, which the folder tells.
+            Err(Error::Program { said, .. }) if models_in(&models).is_empty() => return Err(nothing(said)),
+            Err(error) => return Err(error),
+        }
+        let found = models_in(&models);
+        // The largest model; of equal ones the first.
+        let mut best: Option<Dataset> = None;
+        for model in &found {
+            let model = open_colmap(model)?;
+            if best.as_ref().is_none_or(|best| model.frames.len() > best.frames.len()) {
+                best = Some(model);
+            }
+        }
+        let best = best.ok_or_else(|| nothing("no model was found".to_owned()))?;
+        solution(task, &best, found.len())
+    }
+}
+
+/// The folders of models, by name.
+fn models_in(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut models: Vec<PathBuf> = entries.filter(|path| path.join("images.bin").is_file()).collect();
+    models.sort();
+    models
+}
+
+fn solution(task: &Task<'_>, model: &Dataset, models: usize) -> Result<Solution> {
+    let position_of: HashMap<&str, usize> =
+        task.photographs.iter().enumerate().map(|(at, photograph)| (photograph.name.as_str(), at)).collect();
+    let name = |frame: usize| {
+        let name = model.frames[frame].image.path().file_name().unwrap_or_default();
+        position_of.get(&*name.to_string_lossy()).copied()
+    };
+    let places: Vec<Option<usize>> = (0..model.frames.len()).map(name).collect();
+    let why = if models > 1 {
+        "belongs to a part of the scene without connection to the largest, or to none"
+    } else {
+        "not registered: too few matches with the others"
+    };
+    let mut lenses: Vec<Option<gs_scene::Lens>> = vec![None; task.cameras.len()];
+    let mut poses = vec![None; task.photographs.len()];
+    for (frame, place) in model.frames.iter().zip(&places) {
+        if let Some(at) = *place {
+            poses[at] = Some(Pose { axes: frame.axes, position: frame.position });
+            lenses[task.photographs[at].camera] = Some(frame.lens);
+        }
+    }
+    let lens = |(group, found): (&crate::CameraGroup, Option<gs_scene::Lens>)| {
+        found.unwrap_or_else(|| {
+            // A camera none of whose photographs has a pose.
+            let focal = task.focal(group);
+            let (width, height) = (group.width, group.height);
+            let [cx, cy] = [width, height].map(|side| side as f64 / 2.0);
+            let intrinsics = gs_scene::Intrinsics { fx: focal, fy: focal, cx, cy, width, height };
+            gs_scene::Lens { intrinsics, model: gs_scene::Distortion::default().into() }
+        })
+    };
+    let mut points = model.points()?.unwrap_or_default();
+    for point in &mut points {
+        point.observations.retain_mut(|seen| match places[seen.frame] {
+            Some(at) => {
+                seen.frame = at;
+                true
+            }
+            None => false,
+        });
+    }
+    Ok(Solution {
+        lenses: task.cameras.iter().zip(lenses).map(lens).collect(),
+        reasons: poses.iter().map(|pose| pose.is_none().then(|| why.to_owned())).collect(),
+        poses,
+        points,
+    })
+}
+
+/// The options that a command of this version has.
+struct Options(String);
+
+impl Options {
+    fn of(command: &str, work: &Path) -> Result<Self> {
+        Ok(Self(run(PROGRAM, &[command.into(), "-h".into()], work)?))
+    }
+
+    /// The first of two names that is known: version 4 has other names than version 3.
+    fn first(&self, names: [&'static str; 2]) -> &'static str {
+        names.into_iter().find(|name| self.0.contains(name)).unwrap_or(names[1])
+    }
+}
+
+/// A call of the program.
+struct Call(Vec<OsString>);
+
+impl Call {
+    fn new(command: &str) -> Self {
+        Self(vec![command.into()])
+    }
+
+    fn path(mut self, option: &str, path: &Path) -> Self {
+        self.0.extend([option.into(), path.into()]);
+        self
+    }
+
+    fn text(mut self, option: &str, value: &str) -> Self {
+        self.0.extend([option.into(), value.into()]);
+        self
+    }
+
+    fn run(self, work: &Path) -> Result<()> {
+        run(PROGRAM, &self.0, work).map(|_| ())
+    }
+}

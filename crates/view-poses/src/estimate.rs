@@ -1,0 +1,311 @@
+//! From photographs or a video to a posed data set.
+
+use crate::colmap::{Colmap, INSTALL};
+use crate::engine::{Engine, Solution, Step, Task};
+use crate::error::MINIMUM;
+use crate::level::{Levelling, level};
+use crate::photographs::{MOST, chain, list_photographs, prepare_photographs};
+use crate::verdict::{Verdict, judge, write_data_set};
+use crate::video::{Cut, frames, is_video};
+use crate::{CameraGroup, Error, Photographs, Result};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use view_data::{Dropped, Staging};
+
+/// Which engine is asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EngineChoice {
+    /// openMVG-rs; where its result is doubtful, COLMAP too if it is there. The better result is taken.
+    #[default]
+    Auto,
+    /// openMVG-rs.
+    OpenMvg,
+    /// COLMAP.
+    Colmap,
+}
+
+/// How poses are estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Settings {
+    /// Which engine is asked.
+    pub engine: EngineChoice,
+    /// Of a video, what is taken.
+    pub cut: Cut,
+    /// Keep blurred photographs and copies.
+    pub keep_all: bool,
+    /// Seed of random draws.
+    pub seed: u64,
+}
+
+/// What was estimated; also the content of `poses.json` in the folder of the data set.
+#[derive(Debug, Clone, Serialize)]
+pub struct Estimate {
+    /// What it was made from.
+    pub source: Source,
+    /// How.
+    pub settings: Settings,
+    /// The engine whose result was taken.
+    pub engine: &'static str,
+    /// What was measured of the result.
+    pub verdict: Verdict,
+    /// Every attempt, in order.
+    pub attempts: Vec<Attempt>,
+    /// What to do about the doubts, if there are some.
+    pub advice: Option<String>,
+    /// The cameras.
+    pub cameras: Vec<CameraGroup>,
+    /// Photographs that were turned as EXIF says.
+    pub turned: usize,
+    /// Photographs that are not used, and why.
+    pub not_used: Vec<NotUsed>,
+    /// What the engine's world was turned, moved and scaled by.
+    pub levelling: Levelling,
+}
+
+/// What poses were estimated from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Source {
+    /// Folder or video, as it was given.
+    pub input: String,
+    /// Pictures, or 1 for a video.
+    pub files: usize,
+    /// Their bytes together.
+    pub bytes: u64,
+}
+
+/// An attempt of an engine.
+#[derive(Debug, Clone, Serialize)]
+pub struct Attempt {
+    /// The engine.
+    pub engine: &'static str,
+    /// What was measured of its result.
+    pub verdict: Option<Verdict>,
+    /// Why it has none.
+    pub failed: Option<String>,
+}
+
+/// A photograph that is not used.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct NotUsed {
+    /// File name.
+    pub photograph: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// Name of the file that says how the poses were estimated.
+pub const RECORD: &str = "poses.json";
+
+/// Estimates the poses of the photographs in a folder, or of frames of a video, and writes a data set into the folder `target`, which must
+/// not exist, or be empty: `images/` with the photographs that have a pose, `transforms.json`, `sparse/0/` and `poses.json`.
+///
+/// `on_step` is called from several threads.
+///
+/// # Errors
+/// If there are no photographs, none overlap, or the poses certainly serve for nothing. Doubts that leave a result are in
+/// [`Estimate::verdict`].
+pub fn estimate_poses(
+    input: &Path,
+    target: &Path,
+    settings: &Settings,
+    on_step: &(dyn Fn(Step) + Sync),
+) -> Result<Estimate> {
+    let engines = engines(settings.engine)?;
+    let video = is_video(input);
+    let files = if video { vec![input.to_path_buf()] } else { list_photographs(input)? };
+    let source = source(input, &files)?;
+    let staging = Staging::create(target)?;
+    let (images, work) = (staging.folder().join("images"), staging.folder().join("work"));
+    let file = |action, path: &Path| {
+        let path = path.to_path_buf();
+        move |source| Error::File { action, path, source }
+    };
+    std::fs::create_dir_all(&work).map_err(file("make the folder", &work))?;
+    let files = if video {
+        let wanted = settings.cut.frames;
+        if wanted > MOST {
+            return Err(Error::TooMany { path: input.to_path_buf(), found: wanted, limit: MOST });
+        }
+        frames(input, settings.cut, &work.join("frames"), on_step)?
+    } else {
+        files
+    };
+    let read = |done, of| on_step(Step::Read(done, of));
+    let prepared = prepare_photographs(input, &files, &images, settings.keep_all, &read);
+    let prepared = prepared.map_err(|error| match error {
+        Error::TooFew { found, usable, .. } if video && found >= MINIMUM => {
+            Error::StandsStill { path: input.to_path_buf(), frames: found, different: usable }
+        }
+        error => error,
+    })?;
+
+    let task = Task {
+        images: &images,
+        photographs: &prepared.photographs,
+        cameras: &prepared.cameras,
+        sequence: video,
+        seed: settings.seed,
+        work: &work,
+    };
+    let (best, attempts) = best_of(&engines, &task, staging.folder(), on_step)?;
+    let advice = (!best.verdict.doubts.is_empty()).then(|| advice(&attempts));
+    if best.verdict.is_fatal() {
+        let doubts = best.verdict.doubts.iter().map(ToString::to_string).collect();
+        return Err(Error::Lost {
+            engine: best.engine.to_owned(),
+            doubts,
+            advice: advice.unwrap_or_default(),
+        });
+    }
+    write_data_set(&best.solution, &task, staging.folder())?;
+    let not_used = not_used(&prepared, &best.solution);
+    for left_out in &not_used {
+        // Those that could not be read never got there.
+        let _ = std::fs::remove_file(images.join(&left_out.photograph));
+    }
+    std::fs::remove_dir_all(&work).map_err(file("remove", &work))?;
+    let estimate = Estimate {
+        source,
+        settings: *settings,
+        engine: best.engine,
+        verdict: best.verdict,
+        attempts,
+        advice,
+        turned: prepared.photographs.iter().filter(|photograph| photograph.turned).count(),
+        cameras: prepared.cameras,
+        not_used,
+        levelling: best.levelling,
+    };
+    let record = staging.folder().join(RECORD);
+    let text =
+        serde_json::to_string_pretty(&estimate).map_err(|error| std::io::Error::other(error.to_string()));
+    text.and_then(|text| std::fs::write(&record, text)).map_err(file("write", &record))?;
+    staging.finish()?;
+    Ok(estimate)
+}
+
+/// Whether a folder holds what [`estimate_poses`] would make of this input with these settings, so that it need not be made again.
+#[must_use]
+pub fn is_made_from(folder: &Path, input: &Path, settings: &Settings) -> bool {
+    let record = || {
+        let text = std::fs::read(folder.join(RECORD)).ok()?;
+        let record: serde_json::Value = serde_json::from_slice(&text).ok()?;
+        let files = if is_video(input) { vec![input.to_path_buf()] } else { list_photographs(input).ok()? };
+        let same_source = Source::deserialize(&record["source"]).ok()? == source(input, &files).ok()?;
+        Some(same_source && record["settings"] == serde_json::to_value(settings).ok()?)
+    };
+    folder.join("transforms.json").is_file() && record().unwrap_or(false)
+}
+
+fn source(input: &Path, files: &[PathBuf]) -> Result<Source> {
+    let mut bytes = 0;
+    for file in files {
+        let found = std::fs::metadata(file);
+        bytes += found.map_err(|source| Error::File { action: "read", path: file.clone(), source })?.len();
+    }
+    Ok(Source { input: input.display().to_string(), files: files.len(), bytes })
+}
+
+/// The engines to ask.
+fn engines(choice: EngineChoice) -> Result<Vec<Box<dyn Engine>>> {
+    let mut engines: Vec<Box<dyn Engine>> = Vec::new();
+    if choice != EngineChoice::Colmap {
+        #[cfg(feature = "openmvg")]
+        engines.push(Box::new(crate::OpenMvg));
+        #[cfg(not(feature = "openmvg"))]
+        if choice == EngineChoice::OpenMvg || !Colmap::is_there() {
+            return Err(Error::NotBuilt);
+        }
+    }
+    if choice == EngineChoice::Colmap || choice == EngineChoice::Auto && Colmap::is_there() {
+        engines.push(Box::new(Colmap));
+    }
+    Ok(engines)
+}
+
+/// A result.
+struct Candidate {
+    engine: &'static str,
+    solution: Solution,
+    levelling: Levelling,
+    verdict: Verdict,
+}
+
+/// The first result without doubts, or else the best.
+fn best_of(
+    engines: &[Box<dyn Engine>],
+    task: &Task<'_>,
+    folder: &Path,
+    on_step: &(dyn Fn(Step) + Sync),
+) -> Result<(Candidate, Vec<Attempt>)> {
+    let mut attempts = Vec::new();
+    let mut best: Option<Candidate> = None;
+    let mut failure = None;
+    for engine in engines {
+        if !attempts.is_empty() {
+            on_step(Step::Again(engine.name()));
+        }
+        let work = task.work.join(engine.name());
+        std::fs::create_dir_all(&work).map_err(|source| Error::File {
+            action: "make the folder",
+            path: work.clone(),
+            source,
+        })?;
+        let task = Task { work: &work, ..*task };
+        let mut attempt = Attempt { engine: engine.name(), verdict: None, failed: None };
+        match engine.estimate(&task, on_step) {
+            Ok(solution) => {
+                let mut solution = solution.without_nonsense(task.photographs);
+                let levelling = level(&mut solution);
+                on_step(Step::Check);
+                let verdict = judge(&solution, &task, folder)?;
+                attempt.verdict = Some(verdict.clone());
+                let candidate = Candidate { engine: engine.name(), solution, levelling, verdict };
+                if best.as_ref().is_none_or(|best| candidate.verdict.is_better_than(&best.verdict)) {
+                    best = Some(candidate);
+                }
+            }
+            Err(error) => {
+                attempt.failed = Some(chain(&error));
+                failure.get_or_insert(error);
+            }
+        }
+        attempts.push(attempt);
+        if best.as_ref().is_some_and(|best| best.verdict.doubts.is_empty()) {
+            break;
+        }
+    }
+    match (best, failure) {
+        (Some(best), _) => Ok((best, attempts)),
+        (None, Some(failure)) => Err(failure),
+        (None, None) => Err(Error::NotBuilt),
+    }
+}
+
+/// What to do about doubts.
+fn advice(attempts: &[Attempt]) -> String {
+    let asked = |name| attempts.iter().any(|attempt| attempt.engine == name);
+    let more = "take more photographs, from places nearer to each other";
+    match (asked("openmvg"), asked("colmap")) {
+        (true, false) if !Colmap::is_there() => {
+            format!("{more}, or install COLMAP, which fails on other photographs ({INSTALL}), and run again")
+        }
+        (true, false) => format!("{more}, or try --engine colmap"),
+        (false, true) => format!("{more}, or try --engine openmvg"),
+        _ => more.to_owned(),
+    }
+}
+
+fn not_used(prepared: &Photographs, solution: &Solution) -> Vec<NotUsed> {
+    let of = |Dropped { key, reason }: &Dropped| NotUsed { photograph: key.clone(), reason: reason.clone() };
+    let mut all: Vec<NotUsed> = prepared.dropped.iter().map(of).collect();
+    for (at, photograph) in prepared.photographs.iter().enumerate() {
+        if solution.poses[at].is_none() {
+            let reason = solution.reasons[at].clone().unwrap_or_else(|| "not registered".to_owned());
+            all.push(NotUsed { photograph: photograph.name.clone(), reason });
+        }
+    }
+    all.sort_by(|a, b| a.photograph.cmp(&b.photograph));
+    all
+}

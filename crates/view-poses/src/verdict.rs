@@ -1,0 +1,245 @@
+//! Whether a result can be right. Engines do not notice that they are lost.
+
+use crate::Result;
+use crate::engine::{Solution, Task};
+use check_data::{CheckSettings, check_data};
+use glam::DVec3;
+use serde::Serialize;
+use std::path::Path;
+use view_data::{PosedFrame, open_nerfstudio, write_posed};
+
+/// What was measured of a result, and what speaks against it. Pixels are those of pictures of 480 pixels on the long side.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Verdict {
+    /// Photographs that were given to the engine.
+    pub photographs: usize,
+    /// Photographs that have a pose.
+    pub registered: usize,
+    /// Points.
+    pub points: usize,
+    /// Focal length of each camera, long sides of the picture; only cameras with posed photographs.
+    pub focal_lengths: Vec<f64>,
+    /// Median over the points of their mean reprojection error, pixels.
+    pub reprojection: Option<f64>,
+    /// Symmetric epipolar distance that 90 % of the matches are under, pixels. The matches were found without the poses and without the
+    /// engine. None where too few photographs could be matched.
+    pub epipolar: Option<f64>,
+    /// Median over the points of the largest angle between two of their rays, degrees.
+    pub parallax: Option<f64>,
+    /// What speaks against it.
+    pub doubts: Vec<Doubt>,
+}
+
+/// What speaks against a result.
+#[derive(Debug, Clone, PartialEq, Serialize, thiserror::Error)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Doubt {
+    /// Fewer than two photographs have a pose.
+    #[error("{registered} of {photographs} photographs have a pose")]
+    None {
+        /// With a pose.
+        registered: usize,
+        /// All.
+        photographs: usize,
+    },
+    /// Photographs are left out.
+    #[error(
+        "only {registered} of {photographs} photographs have a pose: the others do not overlap with them enough, or show another scene"
+    )]
+    Share {
+        /// With a pose.
+        registered: usize,
+        /// All.
+        photographs: usize,
+    },
+    /// No lens has this focal length.
+    #[error("a focal length of {found:.2} long sides of the picture, expected {} to {}", FOCAL[0], FOCAL[1])]
+    Focal {
+        /// Long sides.
+        found: f64,
+    },
+    /// EXIF data say otherwise.
+    #[error("a focal length of {found:.2} long sides of the picture where EXIF data say {expected:.2}")]
+    Exif {
+        /// Long sides.
+        found: f64,
+        /// Long sides.
+        expected: f64,
+    },
+    /// Points are not seen where they should be.
+    #[error("a median reprojection error of {found:.2} px at 480 px, expected at most {REPROJECTION}")]
+    Reprojection {
+        /// Pixels.
+        found: f64,
+    },
+    /// Matches contradict the poses.
+    #[error(
+        "matches contradict the poses: 90 % of the epipolar distances are under {found:.1} px at 480 px, expected at most {EPIPOLAR}"
+    )]
+    Epipolar {
+        /// Pixels.
+        found: f64,
+    },
+    /// Nothing could be compared.
+    #[error("too few matches were found to check the poses")]
+    Unchecked,
+    /// The camera turned and did not move.
+    #[error(
+        "the camera turned and hardly moved: points are seen under {degrees:.2} degrees, expected at least {PARALLAX}; depth needs photographs from different places"
+    )]
+    Parallax {
+        /// Degrees.
+        degrees: f64,
+    },
+}
+
+/// Share of the photographs that has to have a pose.
+const SHARE: f64 = 0.8;
+/// Focal lengths of usual lenses, long sides of the picture.
+const FOCAL: [f64; 2] = [0.4, 3.0];
+/// Share by which a focal length may differ from the one by EXIF data, which is rounded, and taken at infinity.
+const EXIF: f64 = 0.2;
+/// Good results have 0.1 to 0.5 px, lost ones 0.6 and more.
+const REPROJECTION: f64 = 0.6;
+/// Good results have 0.5 to 1 px, lost ones 3 and more (measured on nine sets of photographs).
+const EPIPOLAR: f64 = 2.0;
+/// From here on poses serve for nothing.
+const HOPELESS: f64 = 8.0;
+/// Measurement noise of a pixel is 0.1 to 0.2 degrees.
+const PARALLAX: f64 = 0.7;
+/// Pairs of photographs that are matched for the check.
+const PAIRS: usize = 40;
+/// Long side to which distances are scaled, pixels.
+const LONG_SIDE: f64 = 480.0;
+
+impl Doubt {
+    /// Whether a result with this doubt serves for nothing.
+    #[must_use]
+    pub fn is_fatal(&self) -> bool {
+        match self {
+            Self::None { .. } | Self::Parallax { .. } => true,
+            Self::Epipolar { found } => *found > HOPELESS,
+            _ => false,
+        }
+    }
+}
+
+impl Verdict {
+    /// Whether the result serves for nothing.
+    #[must_use]
+    pub fn is_fatal(&self) -> bool {
+        self.doubts.iter().any(Doubt::is_fatal)
+    }
+
+    /// Whether this result is to be preferred: one that serves, then fewer doubts, more photographs, smaller distances.
+    pub(crate) fn is_better_than(&self, other: &Self) -> bool {
+        let distance = |verdict: &Self| verdict.epipolar.unwrap_or(f64::MAX);
+        let key = |verdict: &Self| {
+            (!verdict.is_fatal(), std::cmp::Reverse(verdict.doubts.len()), verdict.registered)
+        };
+        key(self).cmp(&key(other)).then(distance(other).total_cmp(&distance(self))).is_gt()
+    }
+}
+
+/// Judges a solution, whose data set is written into `folder`, beside the pictures, on the way.
+pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Result<Verdict> {
+    let (photographs, registered) = (task.photographs.len(), solution.registered());
+    let mut verdict = Verdict {
+        photographs,
+        registered,
+        points: solution.points.len(),
+        focal_lengths: Vec::new(),
+        reprojection: None,
+        epipolar: None,
+        parallax: parallax(solution),
+        doubts: Vec::new(),
+    };
+    if registered < crate::error::MINIMUM {
+        verdict.doubts.push(Doubt::None { registered, photographs });
+        return Ok(verdict);
+    }
+    if (registered as f64) < SHARE * photographs as f64 {
+        verdict.doubts.push(Doubt::Share { registered, photographs });
+    }
+    for (number, (lens, group)) in solution.lenses.iter().zip(task.cameras).enumerate() {
+        let is_used = |at: usize| solution.poses[at].is_some() && task.photographs[at].camera == number;
+        if !(0..photographs).any(is_used) {
+            continue;
+        }
+        let long = group.width.max(group.height) as f64;
+        let found = lens.intrinsics.fx / long;
+        verdict.focal_lengths.push(found);
+        if let Some(expected) = group.focal_pixels.map(|focal| focal / long)
+            && (found / expected - 1.0).abs() > EXIF
+        {
+            verdict.doubts.push(Doubt::Exif { found, expected });
+        } else if !(FOCAL[0]..=FOCAL[1]).contains(&found) {
+            verdict.doubts.push(Doubt::Focal { found });
+        }
+    }
+    let sides = task.photographs.iter().map(|photograph| photograph.width.max(photograph.height));
+    let to_480 = LONG_SIDE / sides.max().unwrap_or(1) as f64;
+    verdict.reprojection =
+        median(solution.points.iter().filter_map(|point| point.error)).map(|px| px * to_480);
+    if let Some(found) = verdict.reprojection.filter(|found| *found > REPROJECTION) {
+        verdict.doubts.push(Doubt::Reprojection { found });
+    }
+    if let Some(degrees) = verdict.parallax.filter(|degrees| *degrees < PARALLAX) {
+        verdict.doubts.push(Doubt::Parallax { degrees });
+    }
+
+    write_data_set(solution, task, folder)?;
+    let dataset = open_nerfstudio(folder)?;
+    let settings = CheckSettings { pairs: PAIRS, thumbnails: 0, seed: task.seed, ..CheckSettings::default() };
+    let report = check_data(&dataset, &settings, |_| ())?;
+    let p90 = report.poses.readings.first().and_then(|as_read| as_read.p90);
+    verdict.epipolar = p90.map(|p90| p90 * report.poses.reduction.max(1) as f64 * to_480);
+    match verdict.epipolar {
+        Some(found) if found > EPIPOLAR => verdict.doubts.push(Doubt::Epipolar { found }),
+        Some(_) => {}
+        None => verdict.doubts.push(Doubt::Unchecked),
+    }
+    Ok(verdict)
+}
+
+/// `transforms.json` and COLMAP's model for the photographs that have a pose.
+pub(crate) fn write_data_set(solution: &Solution, task: &Task<'_>, folder: &Path) -> Result<()> {
+    let mut frames = Vec::new();
+    let mut position_of = vec![None; task.photographs.len()];
+    for (at, photograph) in task.photographs.iter().enumerate() {
+        if let Some((lens, camera)) = solution.camera(task.photographs, at) {
+            position_of[at] = Some(frames.len());
+            frames.push(PosedFrame { picture: photograph.name.clone(), lens, camera });
+        }
+    }
+    let mut points = solution.points.clone();
+    for point in &mut points {
+        point.observations.retain_mut(|seen| {
+            position_of[seen.frame].is_some_and(|position| {
+                seen.frame = position;
+                true
+            })
+        });
+    }
+    write_posed(folder, &frames, &points)?;
+    Ok(())
+}
+
+/// Median over the points of the largest angle between two of their rays, degrees.
+fn parallax(solution: &Solution) -> Option<f64> {
+    let angle = |point: &view_data::ScenePoint| {
+        let rays = point.observations.iter().filter_map(|seen| solution.poses[seen.frame]);
+        let rays: Vec<DVec3> = rays.map(|pose| (point.position - pose.position).normalize()).collect();
+        let pairs =
+            rays.iter().enumerate().flat_map(|(i, a)| rays[i + 1..].iter().map(move |b| a.angle_between(*b)));
+        pairs.fold(0.0, f64::max).to_degrees()
+    };
+    median(solution.points.iter().map(angle))
+}
+
+fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
