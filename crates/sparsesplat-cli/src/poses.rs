@@ -44,10 +44,10 @@ pub(crate) struct How {
     #[arg(long, value_name = "N", value_parser = frames, default_value_t = Cut::default().frames)]
     frames: usize,
     /// Seconds of the video at which to begin
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     from: Option<f64>,
     /// Seconds of the video at which to end
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     to: Option<f64>,
     /// Keep blurred photographs and copies
     #[arg(long)]

@@ -62,7 +62,7 @@ pub(crate) fn write_frames(
     let progress = Progress::new(cameras.len());
     let mut rejected = 0;
     for (i, camera) in cameras.iter().enumerate() {
-        progress.say(&format!("frame {i}"));
+        progress.say(format!("frame {i}"));
         let draw = if ellipsoids { render_ellipsoids } else { render_view };
         let view = draw(rasterizer, gaussians, camera).or_work()?;
         rejected = rejected.max(view.rejected);

@@ -2,6 +2,7 @@
 //! another program made of it against the scene.
 
 #[path = "../tests/it/difference.rs"]
+#[expect(clippy::unwrap_used, reason = "helpers of tests unwrap as tests do")]
 mod difference;
 
 use difference::{Difference, difference, ordered_as, scene, turn};

@@ -73,7 +73,7 @@ fn align(pairs: &[(&Frame, &Frame)]) -> Option<(DMat3, f64, DVec3)> {
             let own = if own.dot(mean) < 0.0 { -own } else { own };
             // Far ones weigh less.
             let weight = 1.0 / (0.01 + own.angle_between(mean));
-            sum = sum + own * weight;
+            sum += own * weight;
         }
         mean = sum.normalize();
     }

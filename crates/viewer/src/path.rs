@@ -82,7 +82,7 @@ pub fn overview(gaussians: &Gaussians) -> Result<Camera> {
             .collect();
         values.sort_unstable_by(f32::total_cmp);
         let at = |share: f64| {
-            let place = (values.len().saturating_sub(1) as f64 * share) as usize;
+            let place = (values.len().saturating_sub(1) as f64 * share).round() as usize;
             f64::from(values.get(place).copied().unwrap_or(0.0))
         };
         (at(0.5), at(0.9) - at(0.1))

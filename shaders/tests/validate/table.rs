@@ -4,7 +4,6 @@ use crate::gate::parse;
 use gs_shaders::{
     Access, Action, Argument, Counts, Drawing, Features, Frame, Groups, PASSES, Source, Table, View, Word,
 };
-use serde_json::Value;
 
 const DRAWINGS: [Drawing; 3] = [Drawing::Blended, Drawing::Recorded, Drawing::Ellipsoids];
 
@@ -132,7 +131,7 @@ fn the_table_says_what_the_shaders_say() {
     let dispatched = |name: &str| {
         commands.iter().filter_map(|command| command.get("dispatch")).any(|dispatch| {
             let place = dispatch["pipeline"].as_u64().expect("a place") as usize;
-            table["pipelines"][place]["entry_point"] == Value::from(name)
+            table["pipelines"][place]["entry_point"] == name
         })
     };
     assert!(dispatched("project_ellipsoids") && dispatched("rasterize_ellipsoids") && !dispatched("project"));

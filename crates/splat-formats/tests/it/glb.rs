@@ -47,7 +47,7 @@ fn the_file_is_what_the_extension_demands() {
     let file = Glb::new(&scene(2, 3, 1));
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
     assert_eq!((&bytes[..4], word(4), word(8)), (&b"glTF"[..], 2, bytes.len()));
-    assert!(word(12) % 4 == 0 && file.binary.len() % 4 == 0);
+    assert!(word(12) % 4 == 0 && file.binary.len().is_multiple_of(4));
     let json = &file.json;
     assert_eq!(json["extensionsUsed"], json!(["KHR_gaussian_splatting"]));
     let primitive = &json["meshes"][0]["primitives"][0];

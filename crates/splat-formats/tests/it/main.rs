@@ -1,5 +1,7 @@
 //! The public interface: round trips with bounds from each format's rounding, hostile files, recognition by content.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests unwrap as tests do")]
+
 mod difference;
 mod glb;
 mod hostile;

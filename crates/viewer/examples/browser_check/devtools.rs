@@ -98,6 +98,7 @@ impl Browser {
     }
 
     /// Calls a method, and waits for its result.
+    #[expect(clippy::needless_pass_by_value, reason = "callers make the value for the call")]
     pub(crate) fn call(&mut self, method: &str, params: Value) -> io::Result<Value> {
         self.last += 1;
         let mut message = json!({"id": self.last, "method": method, "params": params});
