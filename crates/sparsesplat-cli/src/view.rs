@@ -34,7 +34,7 @@ const STILLS: usize = 3;
                         sparsesplat view scene.ply --cameras data/fox --serve"
 )]
 pub(crate) struct Arguments {
-    /// Scene: a PLY file in the layout of 3D Gaussian splatting
+    /// Scene: PLY, compressed PLY, SPZ, .splat or glTF (.glb), recognised by its content
     scene: PathBuf,
     /// Page to write [default: beside the scene, with the extension html]
     #[arg(short, long, value_name = "HTML")]
@@ -72,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     if arguments.serve {
         common.given.refuse(&["json"], "--serve writes no file")?;
     }
-    let gaussians = gs_scene::read_ply(&arguments.scene).or_input()?;
+    let gaussians = output::read_scene(&arguments.scene)?.gaussians;
     let dataset =
         arguments.cameras.as_deref().map(|input| view_data::open(input, None)).transpose().or_input()?;
     let default = arguments.scene.with_extension("html");

@@ -30,6 +30,7 @@ fn every_format_is_written_converted_rendered_and_described() {
         let render =
             ["render", &path, "--cameras", root, "-o", &pictures, "--positions", "1", "--device", "cpu"];
         call(&render).succeeded();
+        call(&["view", &path, "-o", &text("page.html"), "--device", "cpu"]).succeeded();
     }
     let [plain, made] = ["scene.ply", "made.ply"].map(|name| fs::read(tiny.beside(name)).unwrap());
     assert!(plain == made, "PLY keeps every bit");
