@@ -163,11 +163,7 @@ const CI: [Step; 14] = [
         &[],
     ),
     // As users build it; the targets of tests were checked above.
-    Step::Cargo(
-        "clippy with the default features",
-        &["clippy", "--workspace", "--", "-D", "warnings"],
-        &[],
-    ),
+    Step::Cargo("clippy with the default features", &["clippy", "--workspace", "--", "-D", "warnings"], &[]),
     Step::Cargo(
         "clippy without the GPU path",
         &[

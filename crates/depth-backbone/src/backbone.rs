@@ -35,6 +35,18 @@ pub enum Wanted {
     DepthAndGaussians,
 }
 
+/// Where a network is computed. Each but the CPU needs the Cargo feature of its name, and its first device is taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum NetworkDevice {
+    /// The processor.
+    #[default]
+    Cpu,
+    /// A graphics card of NVIDIA's.
+    Cuda,
+    /// A GPU of Apple's.
+    Metal,
+}
+
 impl Wanted {
     /// That no Gaussians are wanted of a backbone that makes none.
     pub(crate) fn without_own_head(self, backbone: &'static str) -> Result<()> {

@@ -25,7 +25,7 @@ mod depthsplat;
 mod estimate;
 mod features;
 
-pub use backbone::{DepthBackbone, ViewGeometry, Wanted};
+pub use backbone::{DepthBackbone, NetworkDevice, ViewGeometry, Wanted};
 #[cfg(feature = "depthsplat")]
 pub use depthsplat::{
     DepthSplat, NamedTensor, PixelGaussians, Scales, StageTime, Trace, Variant, Vit, WeightFault,

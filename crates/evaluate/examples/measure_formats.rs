@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p evaluate --example measure_formats [GAUSSIANS]` prints the table of docs/bench/formats.md.
 
-use evaluate::{Method, render_view, run_window};
+use evaluate::{Method, Runner, render_view};
 use gs_raster::Rasterizer;
 use gs_scene::Gaussians;
 use scene_windows::{SIMULATED_SIZE, SimulatedScene, Window, simulated_window};
@@ -19,7 +19,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let window = simulated_window(SimulatedScene::Courtyard, SIMULATED_SIZE)?;
     let config = Config { budget: Budget::Gaussians(count), ..Config::default() };
     let mut rasterizer = Rasterizer::cpu();
-    let outcome = run_window(&window, &Method::feed_forward(config), None, &mut rasterizer, &mut |_| {})?;
+    let runner = Runner::new(Method::feed_forward(config))?;
+    let outcome = runner.measure(&window, None, &mut rasterizer, &mut |_| {})?;
     let scene = outcome.prediction.gaussians;
     let reference = psnr(&scene, &window, &mut rasterizer)?;
     println!(

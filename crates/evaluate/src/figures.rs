@@ -3,31 +3,16 @@
 use crate::method::Refinement;
 use scene_windows::{Window, scene_of};
 use serde::{Deserialize, Serialize, Serializer};
-use sparsesplat::{Counts, ExposureGain, StageSeconds};
+use sparsesplat::{Counts, ExposureGain, Stage, StageSeconds};
 
 /// Wall time, seconds, by stage. A stage that did not run took 0.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seconds {
     /// Reading, undistorting and resizing photographs.
     pub load: f64,
-    /// Depth and features.
-    pub backbone: f64,
-    /// Exposure of the views to each other.
-    pub exposure: f64,
-    /// Probability maps and chosen pixels.
-    pub sampling: f64,
-    /// Pixels to anchors.
-    pub backproject: f64,
-    /// Neighbours of anchors.
-    pub knn: f64,
-    /// Rendering the closed form, of which the head is told.
-    pub feedback: f64,
-    /// Attributes of anchors.
-    pub head: f64,
-    /// Attributes to Gaussians.
-    pub decode: f64,
-    /// The far shell.
-    pub shell: f64,
+    /// The stages of the pass.
+    #[serde(flatten)]
+    pub stages: StageSeconds,
     /// Optimisation steps after the forward pass.
     pub refine: f64,
     /// Writing the scene.
@@ -39,32 +24,11 @@ pub struct Seconds {
 }
 
 impl Seconds {
-    /// These times with those of the pipeline's stages.
-    #[must_use]
-    pub fn with_stages(self, stages: &StageSeconds) -> Self {
-        let StageSeconds { backbone, exposure, sampling, backproject, knn, feedback, head, decode, shell } =
-            *stages;
-        Self { backbone, exposure, sampling, backproject, knn, feedback, head, decode, shell, ..self }
-    }
-
     /// Name and time of each stage in order, without the total.
-    #[must_use]
-    pub fn stages(&self) -> [(&'static str, f64); 13] {
-        [
-            ("load", self.load),
-            ("backbone", self.backbone),
-            ("exposure", self.exposure),
-            ("sampling", self.sampling),
-            ("backproject", self.backproject),
-            ("knn", self.knn),
-            ("feedback", self.feedback),
-            ("head", self.head),
-            ("decode", self.decode),
-            ("shell", self.shell),
-            ("refine", self.refine),
-            ("write", self.write),
-            ("render", self.render),
-        ]
+    pub fn by_name(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
+        let pass = Stage::ALL.map(|stage| (stage.name(), self.stages[stage]));
+        let after = [("refine", self.refine), ("write", self.write), ("render", self.render)];
+        [("load", self.load)].into_iter().chain(pass).chain(after)
     }
 
     fn mean(all: &[Self]) -> Self {
@@ -72,22 +36,14 @@ impl Seconds {
     }
 
     /// Every time from the way to read it off.
-    pub fn of_each(value: impl Fn(fn(&Self) -> f64) -> f64) -> Self {
+    pub fn of_each(value: impl Fn(&dyn Fn(&Self) -> f64) -> f64) -> Self {
         Self {
-            load: value(|s| s.load),
-            backbone: value(|s| s.backbone),
-            exposure: value(|s| s.exposure),
-            sampling: value(|s| s.sampling),
-            backproject: value(|s| s.backproject),
-            knn: value(|s| s.knn),
-            feedback: value(|s| s.feedback),
-            head: value(|s| s.head),
-            decode: value(|s| s.decode),
-            shell: value(|s| s.shell),
-            refine: value(|s| s.refine),
-            write: value(|s| s.write),
-            render: value(|s| s.render),
-            total: value(|s| s.total),
+            load: value(&|s| s.load),
+            stages: StageSeconds::of_each(|stage| value(&|s| s.stages[stage])),
+            refine: value(&|s| s.refine),
+            write: value(&|s| s.write),
+            render: value(&|s| s.render),
+            total: value(&|s| s.total),
         }
     }
 
@@ -440,12 +396,14 @@ mod tests {
 
     #[test]
     fn stages_add_up_to_the_fields() {
-        let seconds =
-            Seconds { load: 1.0, backbone: 2.0, decode: 4.0, render: 8.0, total: 99.0, ..Default::default() };
-        assert_eq!(seconds.stages().iter().map(|(_, s)| s).sum::<f64>(), 15.0);
+        let stages = StageSeconds::of_each(|stage| 2.0 + f64::from(u8::from(stage == Stage::Decode)));
+        let seconds = Seconds { load: 1.0, stages, render: 8.0, total: 99.0, ..Default::default() };
+        assert_eq!(seconds.by_name().map(|(_, s)| s).sum::<f64>(), 10.0 + 2.0 * Stage::ALL.len() as f64);
         let json = serde_json::to_value(seconds).unwrap();
-        for (name, value) in seconds.stages() {
+        assert_eq!(json.as_object().unwrap().len(), seconds.by_name().count() + 1);
+        for (name, value) in seconds.by_name() {
             assert_eq!(json[name], value);
         }
+        assert_eq!(serde_json::from_value::<Seconds>(json).unwrap(), seconds);
     }
 }

@@ -20,4 +20,4 @@ pub use method::{Method, Refinement};
 pub use protocol::{Baselines, Evaluation, Event, NearestView, PROTOCOL, evaluate};
 pub use recipe::{Machine, Recipe, peak_rss_bytes, restart_peak_rss};
 pub use render::{Rendered, render_as, render_ellipsoids, render_view};
-pub use window::{Outcome, Step, Stopwatch, compare, lpips_of, reconstruct_window, run_window};
+pub use window::{Outcome, Runner, Step, Stopwatch, compare, lpips_of};

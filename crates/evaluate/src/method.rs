@@ -1,13 +1,12 @@
-//! The method under evaluation: the forward pass, and optional refinement after it.
+//! The method under evaluation, as settings: the forward pass, and optional refinement after it.
 
 use crate::figures::CurvePoint;
-use crate::window::Stopwatch;
 use crate::{Error, Result, Step};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
-use scene_windows::{GeometryCache, Window};
+use scene_windows::{GeometryCache, Plan, Window};
 use serde::Serialize;
-use sparsesplat::{Config, Exposure, Prediction, Stage, predict, predict_from, wanted};
+use sparsesplat::{Config, Exposure, Prediction};
 
 /// Photographs to Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -32,19 +31,16 @@ impl Method {
         Self { predict, refine: None, curve: false, cache: None }
     }
 
-    pub(crate) fn predict(&self, window: &Window, on_step: &mut dyn FnMut(Step)) -> Result<Prediction> {
-        let (views, config) = (&window.context, &self.predict);
-        let Some(cache) = &self.cache else {
-            return Ok(predict(views, config, &mut |stage| on_step(Step::Predict(stage)))?);
-        };
-        on_step(Step::Predict(Stage::Backbone));
-        let mut asked = Stopwatch::new();
-        let (geometry, range) =
-            asked.time(|| cache.geometry(&window.name, views, config, wanted(config)?))?;
-        let mut prediction =
-            predict_from(views, &geometry, range, config, &mut |stage| on_step(Step::Predict(stage)))?;
-        prediction.seconds.backbone = asked.seconds;
-        Ok(prediction)
+    /// This method on a window: with its depth range where the plan has one, and with a seed.
+    #[must_use]
+    pub fn on(&self, plan: &Plan, seed: u64) -> Self {
+        let mut method = self.clone();
+        method.predict.seed = seed;
+        method.predict.depth_range = plan.depth_range(method.predict.depth_range);
+        if let Some(refine) = &mut method.refine {
+            refine.seed = seed;
+        }
+        method
     }
 
     /// Refines a prediction in place, if that is asked for; `held_out` measures a scene, for the curve.

@@ -1,8 +1,7 @@
 //! The protocol of the tables: windows, seeds, means; what fails is named, never skipped.
 
 use crate::figures::{MeanRow, WindowRow, means};
-use crate::window::run_window;
-use crate::{Method, Outcome, Step};
+use crate::{Outcome, Runner, Step};
 use gs_raster::Rasterizer;
 use image_metrics::Lpips;
 use scene_windows::{Dropped, Plan, Window, sha256_of};
@@ -83,7 +82,7 @@ pub struct NearestView {
 /// If `seeds` is empty.
 pub fn evaluate(
     plans: &[Plan],
-    method: &Method,
+    runner: &Runner,
     seeds: &[u64],
     lpips: Option<&Lpips>,
     rasterizer: &mut Rasterizer,
@@ -92,7 +91,7 @@ pub fn evaluate(
     assert!(!seeds.is_empty(), "an evaluation needs at least one seed");
     let (mut windows, mut dropped) = (Vec::new(), Vec::new());
     for plan in plans {
-        match run_plan(plan, method, seeds, lpips, rasterizer, on_event) {
+        match run_plan(plan, runner, seeds, lpips, rasterizer, on_event) {
             Ok(row) => windows.push(row),
             Err(error) => {
                 let entry = Dropped::new(plan.name(), &error);
@@ -111,7 +110,7 @@ pub fn evaluate(
 
 fn run_plan(
     plan: &Plan,
-    method: &Method,
+    runner: &Runner,
     seeds: &[u64],
     lpips: Option<&Lpips>,
     rasterizer: &mut Rasterizer,
@@ -125,14 +124,8 @@ fn run_plan(
         if i > 0 {
             on_event(Event::Run { name: plan.name(), seed });
         }
-        let mut method = method.clone();
-        method.predict.seed = seed;
-        if let Some(refine) = &mut method.refine {
-            refine.seed = seed;
-        }
-        method.predict.depth_range = plan.depth_range(method.predict.depth_range);
-        let outcome =
-            run_window(&window, &method, lpips, rasterizer, &mut |step| on_event(Event::Step(step)))?;
+        let runner = runner.with_method(runner.method().on(plan, seed))?;
+        let outcome = runner.measure(&window, lpips, rasterizer, &mut |step| on_event(Event::Step(step)))?;
         on_event(Event::Done { window: &window, outcome: &outcome });
         runs.push(outcome.figures);
     }

@@ -8,8 +8,15 @@ use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, Image, View};
 use image_metrics::{Lpips, error_share, psnr, psnr_colour_corrected, ssim};
 use scene_windows::Window;
-use sparsesplat::{Prediction, Stage};
+use sparsesplat::{NetworkDevice, Prediction, Predictor, Stage};
 use std::time::Instant;
+
+/// A method with its weights in memory.
+#[derive(Debug, Clone)]
+pub struct Runner {
+    method: Method,
+    predictor: Predictor,
+}
 
 /// What is being done, for progress bars.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,23 +46,6 @@ pub struct Outcome {
     pub prediction: Prediction,
     /// A rendering of each target.
     pub renderings: Vec<Rendered>,
-}
-
-/// Reconstructs a window and renders none of its views: figures that need a rendering are NaN.
-///
-/// # Errors
-/// If the views do not suffice for the settings, or the scene cannot be refined.
-pub fn reconstruct_window(
-    window: &Window,
-    method: &Method,
-    rasterizer: &mut Rasterizer,
-    on_step: &mut dyn FnMut(Step),
-) -> Result<Outcome> {
-    let mut taken = Stopwatch::new();
-    let mut prediction = taken.time(|| method.predict(window, on_step))?;
-    let nothing = |_: &Gaussians, _: &mut Rasterizer| Ok(f64::NAN);
-    let refinement = method.refine(window, &mut prediction, rasterizer, &nothing, on_step)?;
-    Ok(outcome(window, method, prediction, refinement, taken.seconds))
 }
 
 /// Adds up the wall time of what is timed.
@@ -91,11 +81,12 @@ fn outcome(
 ) -> Outcome {
     let refine = refinement.as_ref().map_or(0.0, |refinement| refinement.report.seconds);
     let total = window.load_seconds + pass + refine;
-    let seconds = Seconds { load: window.load_seconds, refine, total, ..Seconds::default() };
+    let stages = prediction.seconds;
+    let seconds = Seconds { load: window.load_seconds, stages, refine, total, ..Seconds::default() };
     let figures = Figures {
         gaussians: prediction.counts.total as f64,
         gaussians_shell: prediction.counts.shell as f64,
-        seconds: seconds.with_stages(&prediction.seconds),
+        seconds,
         ..Figures::mean(&[])
     };
     let figures = WindowFigures {
@@ -111,82 +102,148 @@ fn outcome(
     Outcome { figures, prediction, renderings: Vec::new() }
 }
 
-/// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are
-/// compared as they are, floats clipped to 0..1, over a black background, in the exposure that the scene has
-/// from there: nothing is fitted to a target. With refinement the targets are measured before it as well. LPIPS is measured where there are
-/// weights for it.
-///
-/// # Errors
-/// If the views do not suffice for the settings, the scene cannot be refined, a view cannot be rendered, or
-/// the sizes of two pictures that are to be compared differ.
-pub fn run_window(
-    window: &Window,
-    method: &Method,
-    lpips: Option<&Lpips>,
-    rasterizer: &mut Rasterizer,
-    on_step: &mut dyn FnMut(Step),
-) -> Result<Outcome> {
-    let mut taken = Stopwatch::new();
-    let mut prediction = taken.time(|| method.predict(window, on_step))?;
-    let mut before = Vec::new();
-    if method.refine.is_some() {
-        for target in &window.targets {
-            on_step(Step::Render);
-            let image = render_view(rasterizer, &prediction.gaussians, target.camera())?.image;
-            before.push((compare(psnr, target, &image)?, compare(ssim, target, &image)?));
-        }
+impl Runner {
+    /// Reads the method's weights; networks run on the CPU.
+    ///
+    /// # Errors
+    /// If the method's settings contradict each other, or its weights cannot be read.
+    pub fn new(method: Method) -> Result<Self> {
+        Self::on(method, NetworkDevice::Cpu)
     }
-    let held_out = |scene: &Gaussians, rasterizer: &mut Rasterizer| -> Result<f64> {
-        let each = window
-            .targets
-            .iter()
-            .map(|target| compare(psnr, target, &render_view(rasterizer, scene, target.camera())?.image));
-        Ok(mean(each.collect::<Result<Vec<_>>>()?.into_iter()))
-    };
-    let refinement = method.refine(window, &mut prediction, rasterizer, &held_out, on_step)?;
-    let Outcome { mut figures, prediction, .. } =
-        outcome(window, method, prediction, refinement, taken.seconds);
 
-    let mut rendering = Stopwatch::new();
-    let mut render_timed = |view: &View| {
-        on_step(Step::Render);
-        rendering.time(|| render_view(rasterizer, &prediction.gaussians, view.camera()))
-    };
-    let mut renderings = Vec::with_capacity(window.targets.len());
-    for (i, target) in window.targets.iter().enumerate() {
-        let rendered = render_timed(target)?;
-        let nearest = nearest_view(target, &window.context)?;
-        figures.per_target.push(Target {
-            name: target.name().to_owned(),
-            psnr: compare(psnr, target, &rendered.image)?,
-            ssim: compare(ssim, target, &rendered.image)?,
-            lpips: lpips_of(lpips, target, &rendered.image)?,
-            psnr_colour_corrected: compare(psnr_colour_corrected, target, &rendered.image)?,
-            error_in_worst_tenth: compare(|a, b| error_share(a, b, 0.1), target, &rendered.image)?,
-            psnr_feed_forward: before.get(i).map(|(psnr, _)| *psnr),
-            nearest_view: nearest.name().to_owned(),
-            psnr_nearest_view: compare(psnr, target, nearest.image())?,
-        });
-        renderings.push(rendered);
+    /// The same, with networks on `device`.
+    ///
+    /// # Errors
+    /// As [`Runner::new`], or if there is no such device.
+    pub fn on(method: Method, device: NetworkDevice) -> Result<Self> {
+        let predictor = Predictor::on(method.predict.clone(), device)?;
+        Ok(Self { method, predictor })
     }
-    let mut context_psnr = Vec::with_capacity(window.context.len());
-    for view in &window.context {
-        context_psnr.push(compare(psnr, view, &render_timed(view)?.image)?);
+
+    /// Another method; weights that this one has read are not read again.
+    ///
+    /// # Errors
+    /// As [`Runner::new`].
+    pub fn with_method(&self, method: Method) -> Result<Self> {
+        let predictor = self.predictor.with_config(method.predict.clone())?;
+        Ok(Self { method, predictor })
     }
-    let targets = &figures.per_target;
-    let means = &mut figures.figures;
-    means.psnr_held_out = mean(targets.iter().map(|target| target.psnr));
-    means.ssim_held_out = mean(targets.iter().map(|target| target.ssim));
-    means.lpips_held_out = optional_mean(targets.iter().map(|target| target.lpips));
-    means.psnr_colour_corrected = mean(targets.iter().map(|target| target.psnr_colour_corrected));
-    means.error_in_worst_tenth = mean(targets.iter().map(|target| target.error_in_worst_tenth));
-    means.psnr_held_out_feed_forward = mean(before.iter().map(|(psnr, _)| *psnr));
-    means.ssim_held_out_feed_forward = mean(before.iter().map(|(_, ssim)| *ssim));
-    means.psnr_all = mean(targets.iter().map(|target| target.psnr).chain(context_psnr));
-    means.psnr_nearest_view = mean(targets.iter().map(|target| target.psnr_nearest_view));
-    means.seconds.render = rendering.seconds;
-    means.seconds.total += rendering.seconds;
-    Ok(Outcome { figures, prediction, renderings })
+
+    /// The method.
+    #[must_use]
+    pub fn method(&self) -> &Method {
+        &self.method
+    }
+
+    fn predict(&self, window: &Window, on_step: &mut dyn FnMut(Step)) -> Result<Prediction> {
+        let (views, predictor) = (&window.context, &self.predictor);
+        let Some(cache) = &self.method.cache else {
+            return Ok(predictor.predict(views, &mut |stage| on_step(Step::Predict(stage)))?);
+        };
+        on_step(Step::Predict(Stage::Backbone));
+        let mut asked = Stopwatch::new();
+        let geometry = asked.time(|| cache.geometry(&window.name, views, predictor, predictor.wanted()))?;
+        let mut prediction =
+            predictor.predict_from(views, &geometry, &mut |stage| on_step(Step::Predict(stage)))?;
+        prediction.seconds[Stage::Backbone] = asked.seconds;
+        Ok(prediction)
+    }
+
+    /// Reconstructs a window and renders none of its views: figures that need a rendering are NaN.
+    ///
+    /// # Errors
+    /// If the views do not suffice for the settings, or the scene cannot be refined.
+    pub fn reconstruct(
+        &self,
+        window: &Window,
+        rasterizer: &mut Rasterizer,
+        on_step: &mut dyn FnMut(Step),
+    ) -> Result<Outcome> {
+        let mut taken = Stopwatch::new();
+        let mut prediction = taken.time(|| self.predict(window, on_step))?;
+        let nothing = |_: &Gaussians, _: &mut Rasterizer| Ok(f64::NAN);
+        let refinement = self.method.refine(window, &mut prediction, rasterizer, &nothing, on_step)?;
+        Ok(outcome(window, &self.method, prediction, refinement, taken.seconds))
+    }
+
+    /// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are
+    /// compared as they are, floats clipped to 0..1, over a black background, in the exposure that the scene has
+    /// from there: nothing is fitted to a target. With refinement the targets are measured before it as well. LPIPS is measured where there
+    /// are weights for it.
+    ///
+    /// # Errors
+    /// If the views do not suffice for the settings, the scene cannot be refined, a view cannot be rendered, or
+    /// the sizes of two pictures that are to be compared differ.
+    pub fn measure(
+        &self,
+        window: &Window,
+        lpips: Option<&Lpips>,
+        rasterizer: &mut Rasterizer,
+        on_step: &mut dyn FnMut(Step),
+    ) -> Result<Outcome> {
+        let method = &self.method;
+        let mut taken = Stopwatch::new();
+        let mut prediction = taken.time(|| self.predict(window, on_step))?;
+        let mut before = Vec::new();
+        if method.refine.is_some() {
+            for target in &window.targets {
+                on_step(Step::Render);
+                let image = render_view(rasterizer, &prediction.gaussians, target.camera())?.image;
+                before.push((compare(psnr, target, &image)?, compare(ssim, target, &image)?));
+            }
+        }
+        let held_out = |scene: &Gaussians, rasterizer: &mut Rasterizer| -> Result<f64> {
+            let each = window
+                .targets
+                .iter()
+                .map(|target| compare(psnr, target, &render_view(rasterizer, scene, target.camera())?.image));
+            Ok(mean(each.collect::<Result<Vec<_>>>()?.into_iter()))
+        };
+        let refinement = method.refine(window, &mut prediction, rasterizer, &held_out, on_step)?;
+        let Outcome { mut figures, prediction, .. } =
+            outcome(window, method, prediction, refinement, taken.seconds);
+
+        let mut rendering = Stopwatch::new();
+        let mut render_timed = |view: &View| {
+            on_step(Step::Render);
+            rendering.time(|| render_view(rasterizer, &prediction.gaussians, view.camera()))
+        };
+        let mut renderings = Vec::with_capacity(window.targets.len());
+        for (i, target) in window.targets.iter().enumerate() {
+            let rendered = render_timed(target)?;
+            let nearest = nearest_view(target, &window.context)?;
+            figures.per_target.push(Target {
+                name: target.name().to_owned(),
+                psnr: compare(psnr, target, &rendered.image)?,
+                ssim: compare(ssim, target, &rendered.image)?,
+                lpips: lpips_of(lpips, target, &rendered.image)?,
+                psnr_colour_corrected: compare(psnr_colour_corrected, target, &rendered.image)?,
+                error_in_worst_tenth: compare(|a, b| error_share(a, b, 0.1), target, &rendered.image)?,
+                psnr_feed_forward: before.get(i).map(|(psnr, _)| *psnr),
+                nearest_view: nearest.name().to_owned(),
+                psnr_nearest_view: compare(psnr, target, nearest.image())?,
+            });
+            renderings.push(rendered);
+        }
+        let mut context_psnr = Vec::with_capacity(window.context.len());
+        for view in &window.context {
+            context_psnr.push(compare(psnr, view, &render_timed(view)?.image)?);
+        }
+        let targets = &figures.per_target;
+        let means = &mut figures.figures;
+        means.psnr_held_out = mean(targets.iter().map(|target| target.psnr));
+        means.ssim_held_out = mean(targets.iter().map(|target| target.ssim));
+        means.lpips_held_out = optional_mean(targets.iter().map(|target| target.lpips));
+        means.psnr_colour_corrected = mean(targets.iter().map(|target| target.psnr_colour_corrected));
+        means.error_in_worst_tenth = mean(targets.iter().map(|target| target.error_in_worst_tenth));
+        means.psnr_held_out_feed_forward = mean(before.iter().map(|(psnr, _)| *psnr));
+        means.ssim_held_out_feed_forward = mean(before.iter().map(|(_, ssim)| *ssim));
+        means.psnr_all = mean(targets.iter().map(|target| target.psnr).chain(context_psnr));
+        means.psnr_nearest_view = mean(targets.iter().map(|target| target.psnr_nearest_view));
+        means.seconds.render = rendering.seconds;
+        means.seconds.total += rendering.seconds;
+        Ok(Outcome { figures, prediction, renderings })
+    }
 }
 
 /// A metric between a photograph and what should look like it.

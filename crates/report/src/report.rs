@@ -252,8 +252,7 @@ fn inputs(window: &Window, outcome: &Outcome, scale: DepthScale, limits: Picture
 fn time(outcome: &Outcome) -> String {
     let seconds = &outcome.figures.figures.seconds;
     let entries: Vec<_> = seconds
-        .stages()
-        .into_iter()
+        .by_name()
         .filter(|(_, seconds)| *seconds > 0.0)
         .map(|(name, seconds)| (name.to_owned(), seconds, duration(seconds)))
         .collect();

@@ -6,7 +6,7 @@ use gs_scene::{DepthMap, FeatureMap, Gaussians, View};
 use half::f16;
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
-use sparsesplat::{Config, Features, ViewGeometry, Wanted, backbone_identity, geometry};
+use sparsesplat::{Features, Geometry, Predictor, ViewGeometry, Wanted};
 use std::path::{Path, PathBuf};
 use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
@@ -35,42 +35,39 @@ struct Header {
 }
 
 impl GeometryCache {
-    /// As [`sparsesplat::geometry`], from the file of these views if there is one. `name` is what the file's name begins with.
+    /// As [`Predictor::geometry_with`], from the file of these views if there is one. `name` is what the file's name begins with.
     ///
     /// # Errors
-    /// As [`sparsesplat::geometry`]; if a file cannot be read or written.
+    /// As [`Predictor::geometry_with`]; if a file cannot be read or written.
     pub fn geometry(
         &self,
         name: &str,
         views: &[View],
-        config: &Config,
+        predictor: &Predictor,
         wanted: Wanted,
-    ) -> Result<(Vec<ViewGeometry>, (f64, f64))> {
-        let path = self.path(name, views, config, wanted)?;
+    ) -> Result<Geometry> {
+        let path = self.path(name, views, predictor, wanted);
         if !path.exists() {
-            let (all, depth_range) = geometry(views, config, wanted)?;
-            write(&path, &all, depth_range)?;
+            write(&path, &predictor.geometry_with(views, wanted)?)?;
         }
         read(&path, views)
     }
 
     /// The file of these views.
-    ///
-    /// # Errors
-    /// If the backbone's weights cannot be read.
-    pub fn path(&self, name: &str, views: &[View], config: &Config, wanted: Wanted) -> Result<PathBuf> {
-        let backbone = backbone_identity(&config.backbone)?;
-        let key = of_views(&format!("{VERSION}\n{backbone}\n{:?}\n{wanted:?}", config.depth_range), views);
+    #[must_use]
+    pub fn path(&self, name: &str, views: &[View], predictor: &Predictor, wanted: Wanted) -> PathBuf {
+        let (backbone, depth_range) = (predictor.backbone_identity(), predictor.config().depth_range);
+        let key = of_views(&format!("{VERSION}\n{backbone}\n{depth_range:?}\n{wanted:?}"), views);
         let name = name.replace(['/', '\\'], "-");
-        Ok(self.folder.join(format!("{name}-{}.geometry.safetensors", &key[..16])))
+        self.folder.join(format!("{name}-{}.geometry.safetensors", &key[..16]))
     }
 }
 
-fn write(path: &Path, all: &[ViewGeometry], depth_range: (f64, f64)) -> Result<()> {
+fn write(path: &Path, geometry: &Geometry) -> Result<()> {
     let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
     let mut schema = String::new();
     let mut tensors: Vec<KeptTensor> = Vec::new();
-    for (i, view) in all.iter().enumerate() {
+    for (i, view) in geometry.views.iter().enumerate() {
         let shape = vec![view.depth.height(), view.depth.width()];
         tensors.push((format!("{i}.depth"), Dtype::F32, shape.clone(), bytes(view.depth.data())));
         tensors.push((format!("{i}.confidence"), Dtype::F32, shape.clone(), bytes(&view.confidence)));
@@ -93,16 +90,17 @@ fn write(path: &Path, all: &[ViewGeometry], depth_range: (f64, f64)) -> Result<(
             tensors.push((format!("{i}.sh"), Dtype::F32, shape, bytes(set.sh())));
         }
     }
-    let header = Header { depth_range, schema };
+    let header = Header { depth_range: geometry.depth_range, schema };
     write_kept(path, KIND, &header, &tensors)
         .map_err(|source| Error::CacheFile { path: path.to_path_buf(), source })
 }
 
-fn read(path: &Path, views: &[View]) -> Result<(Vec<ViewGeometry>, (f64, f64))> {
+fn read(path: &Path, views: &[View]) -> Result<Geometry> {
     let read = || {
         let (header, kept): (Header, Kept) = Kept::read(path, KIND)?;
         let all = views.iter().enumerate().map(|(i, view)| view_of(&kept, &header, i, view));
-        Ok((all.collect::<std::result::Result<_, KeptFault>>()?, header.depth_range))
+        let views = all.collect::<std::result::Result<_, KeptFault>>()?;
+        Ok(Geometry { views, depth_range: header.depth_range })
     };
     read().map_err(|source| Error::CacheFile { path: path.to_path_buf(), source })
 }
@@ -157,6 +155,7 @@ mod tests {
     use super::*;
     use crate::{SimulatedScene, simulated_window};
     use scene_sim::Kind;
+    use sparsesplat::Config;
 
     fn cache() -> (tempfile::TempDir, GeometryCache, Vec<View>) {
         let folder = tempfile::tempdir().unwrap();
@@ -168,12 +167,12 @@ mod tests {
     #[test]
     fn what_is_read_is_what_was_made_and_settings_have_files_of_their_own() {
         let (_folder, cache, views) = cache();
-        let config = Config::default();
-        let (made, range) = cache.geometry("room/0", &views, &config, Wanted::DepthAndFeatures).unwrap();
-        let (read, again) = cache.geometry("room/0", &views, &config, Wanted::DepthAndFeatures).unwrap();
-        let (fresh, _) = geometry(&views, &config, Wanted::DepthAndFeatures).unwrap();
-        assert_eq!(range, again);
-        for ((made, read), fresh) in made.iter().zip(&read).zip(&fresh) {
+        let predictor = Predictor::new(Config::default()).unwrap();
+        let cached = || cache.geometry("room/0", &views, &predictor, Wanted::DepthAndFeatures).unwrap();
+        let (made, read) = (cached(), cached());
+        let fresh = predictor.geometry_with(&views, Wanted::DepthAndFeatures).unwrap();
+        assert_eq!(made.depth_range, read.depth_range);
+        for ((made, read), fresh) in made.views.iter().zip(&read.views).zip(&fresh.views) {
             assert_eq!(made.depth.data(), read.depth.data());
             assert_eq!((made.depth.data(), &made.confidence), (fresh.depth.data(), &fresh.confidence));
             let view = &views[0];
@@ -182,29 +181,29 @@ mod tests {
             assert!(a.data().iter().zip(c.data()).all(|(a, c)| (a - c).abs() <= 5e-4 * c.abs().max(1e-4)));
         }
         let path =
-            |config: &Config, views: &[View], wanted| cache.path("room/0", views, config, wanted).unwrap();
-        let first = path(&config, &views, Wanted::DepthAndFeatures);
+            |predictor: &Predictor, views: &[View], wanted| cache.path("room/0", views, predictor, wanted);
+        let first = path(&predictor, &views, Wanted::DepthAndFeatures);
         assert!(first.exists());
-        let near =
-            Config { depth_range: sparsesplat::DepthRange::Known { near: 1.0, far: 9.0 }, ..config.clone() };
+        let depth_range = sparsesplat::DepthRange::Known { near: 1.0, far: 9.0 };
+        let near = predictor.with_config(Config { depth_range, ..Config::default() }).unwrap();
         for other in [
-            path(&config, &views, Wanted::Depth),
+            path(&predictor, &views, Wanted::Depth),
             path(&near, &views, Wanted::DepthAndFeatures),
-            path(&config, &views[..2], Wanted::DepthAndFeatures),
+            path(&predictor, &views[..2], Wanted::DepthAndFeatures),
         ] {
             assert_ne!(first, other);
         }
         // What comes after the backbone has no file of its own.
-        let more = Config { neighbours: 3, seed: 9, ..config };
+        let more = predictor.with_config(Config { neighbours: 3, seed: 9, ..Config::default() }).unwrap();
         assert_eq!(path(&more, &views, Wanted::DepthAndFeatures), first);
     }
 
     #[test]
     fn a_broken_file_is_named() {
         let (_folder, cache, views) = cache();
-        let config = Config::default();
-        let path = cache.path("room", &views, &config, Wanted::Depth).unwrap();
-        cache.geometry("room", &views, &config, Wanted::Depth).unwrap();
+        let predictor = Predictor::new(Config::default()).unwrap();
+        let path = cache.path("room", &views, &predictor, Wanted::Depth);
+        cache.geometry("room", &views, &predictor, Wanted::Depth).unwrap();
         let whole = std::fs::read(&path).unwrap();
         let mut garbled = whole.clone();
         garbled[whole.len() - 5] ^= 1;
@@ -212,7 +211,7 @@ mod tests {
             [&garbled, &whole[..whole.len() / 2], &whole[..4], b"", b"nonsense that is longer than a header"]
         {
             std::fs::write(&path, bytes).unwrap();
-            let error = cache.geometry("room", &views, &config, Wanted::Depth).unwrap_err();
+            let error = cache.geometry("room", &views, &predictor, Wanted::Depth).unwrap_err();
             assert!(matches!(&error, Error::CacheFile { path: named, .. } if *named == path), "{error}");
         }
     }

@@ -9,7 +9,7 @@ use crate::train::{Data, Run, SAVE_EVERY, config};
 use crate::{device, output};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
-use evaluate::{Event, Lpips, Method, Recipe, Spread, evaluate};
+use evaluate::{Event, Lpips, Method, Recipe, Runner, Spread, evaluate};
 use report_parts::{Table, lpips_column, number};
 use scene_windows::{Dropped, GeometryCache, Plan, Reading, Windows};
 use serde::Serialize;
@@ -278,9 +278,10 @@ impl Trained<'_> {
         let mut figures = |head: Head, name: &str| {
             let cache = Some(GeometryCache { folder: arguments.data.cache.clone() });
             let method = Method { cache, ..Method::feed_forward(with(head)) };
+            let runner = Runner::on(method, device::of_networks(common.device)).map_err(Failure::sorted)?;
             let mut running = String::new();
             let mut found =
-                evaluate(plans, &method, &seeds, lpips, &mut rasterizer, &mut |event| match event {
+                evaluate(plans, &runner, &seeds, lpips, &mut rasterizer, &mut |event| match event {
                     Event::Run { name, seed } => running = format!("{}: {name} (seed {seed})", self.row.name),
                     Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
                     Event::Done { .. } => progress.step(),
@@ -293,10 +294,10 @@ impl Trained<'_> {
                 let name = format!("{} of {}, {name}", lost.name, self.row.name);
                 dropped.push(Dropped { name, ..lost });
             }
-            found.mean
+            Ok::<_, Failure>(found.mean)
         };
-        let learned = figures(Head::Weights(self.weights.clone()), "trained head");
-        let closed = figures(Head::ClosedForm, "closed form");
+        let learned = figures(Head::Weights(self.weights.clone()), "trained head")?;
+        let closed = figures(Head::ClosedForm, "closed form")?;
         Ok(Measured {
             row: self.row.name.to_owned(),
             training_seed: self.config.seed,

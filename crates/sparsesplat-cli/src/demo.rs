@@ -8,7 +8,7 @@ use crate::progress::{Progress, describe};
 use crate::summary::{counts_line, memory_line, print, print_line, refinement_line, seconds_line, shortfall};
 use crate::view;
 use clap::Args;
-use evaluate::{Recipe, WindowRow, means, peak_rss_bytes, run_window};
+use evaluate::{Recipe, Runner, WindowRow, means, peak_rss_bytes};
 use report::{PictureLimits, Report, figures_table};
 use report_parts::Picture;
 use scene_windows::{SIMULATED_SIZE, SimulatedScene, simulated_window};
@@ -63,6 +63,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     output::check_folder(&arguments.output)?;
     let method = arguments.pipeline.method(arguments.seed, &common.given)?;
+    let runner = Runner::new(method.clone()).map_err(Failure::sorted)?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
     let progress = Progress::new(1);
@@ -71,9 +72,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let window =
         simulated_window(SimulatedScene::Courtyard, arguments.size.unwrap_or(SIMULATED_SIZE)).or_input()?;
     let simulation = begin.elapsed().as_secs_f64();
-    let mut outcome =
-        run_window(&window, &method, None, &mut rasterizer, &mut |step| progress.say(describe(step)))
-            .map_err(Failure::sorted)?;
+    let mut outcome = runner
+        .measure(&window, None, &mut rasterizer, &mut |step| progress.say(describe(step)))
+        .map_err(Failure::sorted)?;
 
     progress.say("writing");
     let begin = Instant::now();

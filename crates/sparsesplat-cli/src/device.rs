@@ -7,6 +7,7 @@ use crate::summary::warn;
 use gs_raster::gpu::AdapterDescription;
 use gs_raster::{Error, Rasterizer};
 use serde::Serialize;
+use sparsesplat::NetworkDevice;
 use std::fmt::{self, Display};
 
 /// A rasterizer, to serve the whole command. A GPU that is there and cannot be used is told on standard error; that there
@@ -26,6 +27,15 @@ pub(crate) fn rasterizer(device: Device) -> Outcome<Rasterizer> {
         warn(&format!("rendering on the CPU: {}", with_causes(error)));
     }
     Ok(rasterizer)
+}
+
+/// Where networks are computed: a build for CUDA or Metal is for GPUs, unless `--device cpu` is said.
+pub(crate) fn of_networks(device: Device) -> NetworkDevice {
+    match device {
+        Device::Auto | Device::Gpu if cfg!(feature = "cuda") => NetworkDevice::Cuda,
+        Device::Auto | Device::Gpu if cfg!(feature = "metal") => NetworkDevice::Metal,
+        Device::Auto | Device::Gpu | Device::Cpu => NetworkDevice::Cpu,
+    }
 }
 
 /// What the pictures were rendered on, as `"device"` in JSON.

@@ -11,7 +11,7 @@ use crate::source::{Planned, Source, files_of};
 use crate::summary::{print, print_line};
 use crate::view;
 use clap::Args;
-use evaluate::{Evaluation, Event, Method, Recipe, evaluate, peak_rss_bytes};
+use evaluate::{Evaluation, Event, Method, Recipe, Runner, evaluate, peak_rss_bytes};
 use report::{PictureLimits, Report, figures_table, refinement_plot};
 use scene_windows::{GeometryCache, Reading};
 use serde::Serialize;
@@ -105,6 +105,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         cache,
         ..arguments.pipeline.method(seeds[0], &common.given)?
     };
+    let runner = Runner::on(method, device::of_networks(common.device)).map_err(Failure::sorted)?;
     let lpips = arguments.lpips.read()?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
@@ -125,7 +126,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     let mut running = String::new();
     let mut evaluation =
-        evaluate(&plans, &method, &seeds, lpips.as_ref(), &mut rasterizer, &mut |event| match event {
+        evaluate(&plans, &runner, &seeds, lpips.as_ref(), &mut rasterizer, &mut |event| match event {
             Event::Run { name, seed } => running = format!("{name} (seed {seed})"),
             Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
             Event::Done { window, outcome } => {
@@ -174,7 +175,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         print_line(&device.line());
     }
     let peak = peak_rss_bytes();
-    let settings = Settings { seeds: &seeds, reading, method: &method };
+    let settings = Settings { seeds: &seeds, reading, method: runner.method() };
     let recipe = crate::recipe(seeds[0], settings);
     if let Some(path) = &common.json {
         let record =

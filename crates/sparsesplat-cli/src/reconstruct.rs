@@ -12,7 +12,7 @@ use crate::summary::{
 };
 use crate::view;
 use clap::Args;
-use evaluate::{Recipe, Step, WindowFigures, peak_rss_bytes, reconstruct_window, run_window};
+use evaluate::{Recipe, Runner, Step, WindowFigures, peak_rss_bytes};
 use gs_raster::Rasterizer;
 use report::{PictureLimits, Report};
 use scene_windows::{Choice, Plan, Reading};
@@ -119,6 +119,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let format = output::scene_format(&arguments.output)?;
     let mut method = arguments.pipeline.method(arguments.seed, &common.given)?;
     method.predict.depth_range = plan.depth_range(method.predict.depth_range);
+    let runner = Runner::on(method.clone(), device::of_networks(common.device)).map_err(Failure::sorted)?;
 
     // Nobody waits for a GPU that has nothing to do.
     let renders = arguments.report.is_some() || method.refine.is_some();
@@ -129,8 +130,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let window = plan.load(arguments.report.is_some()).or_input()?;
     let mut on_step = |step| progress.say(describe(step));
     let mut outcome = match arguments.report {
-        Some(_) => run_window(&window, &method, None, &mut rasterizer, &mut on_step),
-        None => reconstruct_window(&window, &method, &mut rasterizer, &mut on_step),
+        Some(_) => runner.measure(&window, None, &mut rasterizer, &mut on_step),
+        None => runner.reconstruct(&window, &mut rasterizer, &mut on_step),
     }
     .map_err(Failure::sorted)?;
     progress.say("writing");

@@ -137,7 +137,7 @@ pub(crate) fn refinement_line(figures: &WindowFigures) -> Option<String> {
 /// Time by stage.
 pub(crate) fn seconds_line(figures: &WindowFigures) -> String {
     let seconds = &figures.figures.seconds;
-    let ran = seconds.stages().into_iter().filter(|(_, seconds)| *seconds > 0.0);
+    let ran = seconds.by_name().filter(|(_, seconds)| *seconds > 0.0);
     let stages: Vec<String> = ran.map(|(name, seconds)| format!("{name} {seconds:.3}")).collect();
     format!("seconds    {:.2} in all: {}", seconds.total, stages.join(", "))
 }

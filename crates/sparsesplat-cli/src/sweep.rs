@@ -16,7 +16,7 @@ use evaluate::Method;
 use scene_windows::{Plan, Reading};
 use serde::Serialize;
 use serde_json::Value;
-use sparsesplat::{Allocation, Budget, Wanted};
+use sparsesplat::{Allocation, Budget, Predictor, Wanted};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use tradeoff::{self, Extent, Header, Journal, Pictures, Point, Shard, Shards, Summary, Sweep, points};
@@ -122,7 +122,14 @@ impl Sweeping {
         };
         let folder = Folder::new(self.output.as_deref())?;
         let mut journal = Journal::open(&folder.path, &header).or_input()?;
-        let sweep = Sweep { plans: &plans, shard, points: &points, seeds: &seeds, lpips: lpips.as_ref() };
+        let sweep = Sweep {
+            plans: &plans,
+            shard,
+            points: &points,
+            seeds: &seeds,
+            network_device: device::of_networks(common.device),
+            lpips: lpips.as_ref(),
+        };
         let progress = Progress::new(sweep.runs());
         if journal.measured() > 0 {
             progress.line(&format!(
@@ -209,7 +216,7 @@ impl Sweeping {
                 "a sweep varies the count, and pixel-aligned has none: it is one of the points, --allocation takes another",
             ));
         }
-        let learned = sparsesplat::wanted(&base.predict).or_input()? == Wanted::DepthAndFeatures;
+        let learned = Predictor::new(base.predict.clone()).or_input()?.wanted() == Wanted::DepthAndFeatures;
         Ok(points(&base, allocations, extent, learned, self.dataset == Dataset::Simulated))
     }
 }

@@ -1,6 +1,6 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, DepthSource, LpipsWeights, positive, scenes, size};
+use crate::arguments::{Common, DepthSource, Device, LpipsWeights, positive, scenes, size};
 use crate::datasets::Dataset;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
@@ -18,6 +18,7 @@ use report::training_plot;
 use report_parts::Picture;
 use scene_windows::{Plan, Reading, Windows};
 use serde::Serialize;
+use sparsesplat::Predictor;
 use std::fs;
 use std::io::Write;
 use std::ops::Range;
@@ -304,14 +305,15 @@ impl Data {
             let head = head.display();
             return Err(Failure::input(format!("--weights {head} is of a head: begin with it by --from")));
         }
-        let predict = sparsesplat::Config { backbone, ..sparsesplat::Config::default() };
+        let config = sparsesplat::Config { backbone, ..sparsesplat::Config::default() };
+        let predictor = Predictor::on(config, device::of_networks(Device::Auto)).or_input()?;
         let on_case = &mut |name: &str, why: Option<&scene_windows::Error>| {
             if let Some(why) = why {
                 progress.warn(&format!("dropped {name}: {why}"));
             }
             progress.step();
         };
-        Cases::open(plans, &predict, &self.cache, on_case).or_work()
+        Cases::open(plans, &predictor, &self.cache, on_case).or_work()
     }
 
     /// Seeds of the generated scenes to train on: of those as they are, and of those in the wild.

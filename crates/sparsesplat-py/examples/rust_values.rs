@@ -2,7 +2,7 @@
 //!
 //! `rust_values FOLDER`: arrays as raw little-endian float32 (poses float64), one file each, and `values.json`.
 
-use evaluate::{Method, reconstruct_window};
+use evaluate::{Method, Runner};
 use gs_raster::{Activated, Colors, PixelGradients, Rasterizer, RenderSettings, near_plane};
 use gs_scene::{Gaussians, SH_C0, View, sigmoid, write_ply};
 use scene_windows::{SimulatedScene, simulated_window};
@@ -22,8 +22,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     // The pass.
     let config = Config { budget: Budget::Gaussians(2_000), ..Config::default() };
-    let outcome =
-        reconstruct_window(&window, &Method::feed_forward(config), &mut Rasterizer::cpu(), &mut |_| {})?;
+    let runner = Runner::new(Method::feed_forward(config))?;
+    let outcome = runner.reconstruct(&window, &mut Rasterizer::cpu(), &mut |_| {})?;
     let predicted = outcome.prediction.gaussians;
     write_ply(&folder.join("predicted.ply"), &predicted)?;
 

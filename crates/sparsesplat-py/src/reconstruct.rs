@@ -4,7 +4,7 @@ use crate::engine::{self, Progress, engine};
 use crate::failure::OrRaise;
 use crate::scene::Scene;
 use crate::view::View;
-use evaluate::{Method, Outcome, Step, reconstruct_window};
+use evaluate::{Method, Outcome, Runner, Step};
 use gs_raster::Rasterizer;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -13,7 +13,7 @@ use refine::Stop;
 use scene_windows::{Plan, Reading, SIMULATED_SIZE, SimulatedScene, Window, simulated_window};
 use serde::Deserialize;
 use serde::de::value::{Error as Unknown, StrDeserializer};
-use sparsesplat::{Backbone, Budget, Config, DepthRange, Head, Stage};
+use sparsesplat::{Backbone, Budget, Config, DepthRange, Head};
 use std::path::PathBuf;
 use view_data::Format;
 
@@ -33,7 +33,7 @@ impl Report {
         let seconds = &self.outcome.figures.seconds;
         let dict = PyDict::new(py);
         // Nothing is written or rendered here.
-        let stages = seconds.stages().into_iter().filter(|(stage, _)| !matches!(*stage, "write" | "render"));
+        let stages = seconds.by_name().filter(|(stage, _)| !matches!(*stage, "write" | "render"));
         for (stage, seconds) in stages.chain([("total", seconds.total)]) {
             dict.set_item(stage, seconds)?;
         }
@@ -131,7 +131,7 @@ pub(crate) fn reconstruct(
                 Some(_) => Rasterizer::new(device)?,
                 None => Rasterizer::cpu(),
             };
-            let outcome = reconstruct_window(&window, &method, &mut rasterizer, &mut on_step)?;
+            let outcome = Runner::new(method)?.reconstruct(&window, &mut rasterizer, &mut on_step)?;
             let views = window.context.iter().map(|view| view.name().to_owned()).collect();
             let Outcome { figures, prediction, .. } = outcome;
             let report = Report { outcome: figures, head: prediction.head, views, dropped };
@@ -241,14 +241,7 @@ fn one_of<'de, T: Deserialize<'de>>(argument: &str, name: &'de str) -> PyResult<
 fn told(step: Step) -> Progress {
     let (stage, share) = match step {
         Step::Load => ("load", 0.0),
-        Step::Predict(Stage::Backbone) => ("backbone", 0.0),
-        Step::Predict(Stage::Exposure) => ("exposure", 0.0),
-        Step::Predict(Stage::Shell) => ("shell", 0.0),
-        Step::Predict(Stage::Sampling) => ("sampling", 0.0),
-        Step::Predict(Stage::Backproject) => ("backproject", 0.0),
-        Step::Predict(Stage::Knn) => ("knn", 0.0),
-        Step::Predict(Stage::Head) => ("head", 0.0),
-        Step::Predict(Stage::Decode) => ("decode", 0.0),
+        Step::Predict(stage) => (stage.name(), 0.0),
         Step::Refine { progress, .. } => ("refine", progress),
         _ => ("render", 0.0),
     };

@@ -4,9 +4,10 @@
 use crate::cells::{Cell, cells};
 use crate::closed_form::{self, Surface};
 use crate::exposure;
-use crate::prediction::{Counts, ExposureGain, Stage, StageSeconds};
 use crate::voxels::{self, Voxels};
-use crate::{Allocation, Budget, Config, Error, Result, shell};
+use crate::{
+    Allocation, Budget, Config, Counts, Error, ExposureGain, Geometry, Result, Stage, Stages, shell,
+};
 use backproject::{Anchors, Backprojected, ViewPixels};
 use depth_backbone::ViewGeometry;
 use entropy_sampler::{EntropyWindow, ImportanceMap};
@@ -15,7 +16,6 @@ use gs_scene::{Gaussians, View};
 use knn::Neighbors;
 use rayon::prelude::*;
 use std::ops::Range;
-use std::time::Instant;
 
 /// Anchors, ready for a head.
 #[derive(Debug, Clone)]
@@ -40,53 +40,34 @@ pub struct Anchored {
     pub(crate) neighbours: Option<Neighbors>,
 }
 
-/// Runs one stage and takes its wall time.
-pub(crate) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
-    let start = Instant::now();
-    let result = work();
-    *seconds += start.elapsed().as_secs_f64();
-    result
-}
-
-/// Chooses pixels of `views` with known `geometry` and lifts them into space; the wall time of each stage goes into
-/// `seconds`. `far` is where the depth range ends, scene units. Anchors have features where the views' geometry has.
+/// Chooses pixels of `views` with known `geometry` and lifts them into space. Anchors have features where the views' geometry has. Of the
+/// configuration, backbone and head are not used.
 ///
 /// # Errors
-/// If the budget is empty, or the views do not suffice for it.
+/// If settings contradict each other, or the views do not suffice for the budget.
 pub fn anchor(
     views: &[View],
-    geometry: &[ViewGeometry],
-    far: f64,
+    geometry: &Geometry,
     config: &Config,
-    seconds: &mut StageSeconds,
-    on_stage: &mut dyn FnMut(Stage),
+    stages: &mut Stages<'_>,
 ) -> Result<Anchored> {
+    config.check()?;
     let allocation = config.allocation;
-    match (config.budget, allocation) {
-        (Budget::Gaussians(0), _) => return Err(Error::EmptyBudget),
-        (Budget::Tau(tau), Allocation::Merged | Allocation::VoxelAligned) => {
-            return Err(Error::NothingDrawn { tau });
-        }
-        _ => {}
-    }
-    on_stage(Stage::Exposure);
-    let (exposed, exposure) = timed(&mut seconds.exposure, || exposure::equalised(views, geometry));
+    let Geometry { views: geometry, depth_range: (_, far) } = geometry;
+    let (exposed, exposure) = stages.run(Stage::Exposure, || exposure::equalised(views, geometry));
 
-    on_stage(Stage::Shell);
-    let shell = timed(&mut seconds.shell, || match (config.far_shell, config.budget, allocation) {
+    let shell = stages.run(Stage::Shell, || match (config.far_shell, config.budget, allocation) {
         (false, _, _) => Gaussians::empty(0),
         // Without a total to keep within, the shell has its finest cells.
         (true, Budget::Tau(_), _) | (true, _, Allocation::PixelAligned) => {
-            shell::shell(&exposed, far, usize::MAX)
+            shell::shell(&exposed, *far, usize::MAX)
         }
-        (true, Budget::Gaussians(n), _) => shell::shell(&exposed, far, n),
+        (true, Budget::Gaussians(n), _) => shell::shell(&exposed, *far, n),
     })?;
 
-    on_stage(Stage::Sampling);
-    let (pixels, tau) = timed(&mut seconds.sampling, || sample(views, geometry, config, shell.len()))?;
+    let (pixels, tau) = stages.run(Stage::Sampling, || sample(views, geometry, config, shell.len()))?;
 
-    on_stage(Stage::Backproject);
-    let (anchors, ranges, voxel_cells) = timed(&mut seconds.backproject, || {
+    let (anchors, ranges, voxel_cells) = stages.run(Stage::Backproject, || {
         // View by view, so that few feature maps are there at a time.
         let of = |i: usize| {
             let map = geometry[i].feature_map(&views[i])?;
@@ -113,11 +94,9 @@ pub fn anchor(
         })
     })?;
 
-    on_stage(Stage::Knn);
-    let neighbours = timed(&mut seconds.knn, || neighbours(&anchors, config.neighbours))?;
+    let neighbours = stages.run(Stage::Knn, || neighbours(&anchors, config.neighbours))?;
 
-    on_stage(Stage::Head);
-    let (cells, base) = timed(&mut seconds.head, || {
+    let (cells, base) = stages.run(Stage::Head, || {
         let of = |i: usize| {
             let range = ranges[i].clone();
             let cells = voxel_cells.as_ref().map(|cells| cells[range.clone()].to_vec());

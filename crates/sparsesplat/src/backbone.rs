@@ -1,17 +1,31 @@
 //! The configured backbone: depth, and what else is wanted of it.
 
 use crate::{Backbone, Config, Error, Result};
-use depth_backbone::{DepthBackbone, DepthRange, GivenDepth, PlaneSweep, ViewGeometry, Wanted};
+use depth_backbone::{
+    DepthBackbone, DepthRange, GivenDepth, NetworkDevice, PlaneSweep, ViewGeometry, Wanted,
+};
 use gs_scene::View;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-/// Depth of all views by the configured backbone, and what else is wanted; and the range it lies in, scene units.
-///
-/// # Errors
-/// If the views do not suffice for the backbone, or its weights cannot be read.
-pub fn geometry(views: &[View], config: &Config, wanted: Wanted) -> Result<(Vec<ViewGeometry>, (f64, f64))> {
+/// What the backbone says of all views.
+#[derive(Debug, Clone)]
+pub struct Geometry {
+    /// Of each view: depth, confidence, and what else was wanted.
+    pub views: Vec<ViewGeometry>,
+    /// The range that depth lies in, near and far, scene units.
+    pub depth_range: (f64, f64),
+}
+
+/// Depth of all views by the configured backbone, and what else is wanted.
+pub(crate) fn geometry(
+    views: &[View],
+    config: &Config,
+    network: Option<&Network>,
+    wanted: Wanted,
+) -> Result<Geometry> {
     let stereo = PlaneSweep { range: config.depth_range, ..PlaneSweep::default() };
-    Ok(match &config.backbone {
+    let (views, depth_range) = match &config.backbone {
         Backbone::GivenDepth => {
             let range = GivenDepth::depth_range(views)?;
             (GivenDepth.estimate(views, wanted)?, range)
@@ -24,10 +38,12 @@ pub fn geometry(views: &[View], config: &Config, wanted: Wanted) -> Result<(Vec<
         }
         Backbone::DepthSplat(weights) => {
             check_parallax(views, config.depth_range)?;
+            let network = network.ok_or_else(|| no_network(weights))?;
             let range = stereo.depth_range(views)?;
-            (network(weights, |network| Ok(network.estimate_within(views, range, wanted)?))?, range)
+            (network.model.estimate_within(views, range, wanted)?, range)
         }
-    })
+    };
+    Ok(Geometry { views, depth_range })
 }
 
 /// What the nearest content moves by between the cameras farthest apart, pixels, below which there is nothing to match.
@@ -58,32 +74,57 @@ fn check_parallax(views: &[View], range: DepthRange) -> Result<()> {
 }
 
 /// What tells results of one backbone from those of another: its name, and which weights it has, whatever their file is called.
-///
-/// # Errors
-/// If its weights cannot be read.
-pub fn identity(backbone: &Backbone) -> Result<String> {
-    match backbone {
-        Backbone::GivenDepth | Backbone::PlaneSweep { .. } => Ok(format!("{backbone:?}")),
-        Backbone::DepthSplat(weights) => network(weights, |network| Ok(network.schema().to_owned())),
+pub(crate) fn identity(backbone: &Backbone, network: Option<&Network>) -> String {
+    match (backbone, network) {
+        (Backbone::DepthSplat(_), Some(network)) => network.model.schema().to_owned(),
+        (backbone, _) => format!("{backbone:?}"),
     }
 }
 
-#[cfg(feature = "depthsplat")]
-fn network<T>(weights: &Path, run: impl FnOnce(&depth_backbone::DepthSplat) -> Result<T>) -> Result<T> {
-    run(&*depth_backbone::DepthSplat::shared(weights)?)
+/// A network in memory, and the file that its weights are from.
+#[derive(Clone)]
+pub(crate) struct Network {
+    weights: PathBuf,
+    model: Arc<Model>,
 }
 
-#[cfg(not(feature = "depthsplat"))]
-fn network<T>(weights: &Path, _: impl FnOnce(&Unbuilt) -> Result<T>) -> Result<T> {
-    Err(Error::NoNetwork { weights: weights.display().to_string() })
+impl Network {
+    /// Whether its weights are from this file.
+    pub(crate) fn is_of(&self, weights: &Path) -> bool {
+        self.weights == weights
+    }
+
+    #[cfg(feature = "depthsplat")]
+    pub(crate) fn read(weights: &Path, device: NetworkDevice) -> Result<Self> {
+        let model = Arc::new(Model::open_on(weights, device)?);
+        Ok(Self { weights: weights.to_owned(), model })
+    }
+
+    #[cfg(not(feature = "depthsplat"))]
+    pub(crate) fn read(weights: &Path, _: NetworkDevice) -> Result<Self> {
+        Err(no_network(weights))
+    }
 }
+
+impl std::fmt::Debug for Network {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        out.debug_tuple("Network").field(&self.weights).finish()
+    }
+}
+
+fn no_network(weights: &Path) -> Error {
+    Error::NoNetwork { weights: weights.display().to_string() }
+}
+
+#[cfg(feature = "depthsplat")]
+type Model = depth_backbone::DepthSplat;
 
 /// Without the feature `depthsplat` there is no network: a type that has no values.
 #[cfg(not(feature = "depthsplat"))]
-enum Unbuilt {}
+enum Model {}
 
 #[cfg(not(feature = "depthsplat"))]
-impl Unbuilt {
+impl Model {
     fn schema(&self) -> &str {
         match *self {}
     }

@@ -1,9 +1,10 @@
+use crate::{Error, Result};
 use depth_backbone::{DepthRange, PlaneSweep};
 use entropy_sampler::Sampler;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Everything that decides what [`crate::predict`] makes of a set of views.
+/// Everything that decides what a [`crate::Predictor`] makes of a set of views.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Config {
     /// Where depth and features come from.
@@ -43,6 +44,23 @@ impl Default for Config {
             exposure: Exposure::AsPhotographed,
             seed: 0,
         }
+    }
+}
+
+impl Config {
+    /// Whether the settings fit together.
+    pub(crate) fn check(&self) -> Result<()> {
+        match (self.budget, self.allocation) {
+            (Budget::Gaussians(0), _) => return Err(Error::EmptyBudget),
+            (Budget::Tau(tau), Allocation::Merged | Allocation::VoxelAligned) => {
+                return Err(Error::NothingDrawn { tau });
+            }
+            _ => {}
+        }
+        if self.head == Head::DepthSplat && self.allocation != Allocation::PixelAligned {
+            return Err(Error::OwnHeadAllocation);
+        }
+        Ok(())
     }
 }
 

@@ -3,11 +3,12 @@
 mod config;
 mod error;
 mod prediction;
+mod stage;
 
 mod anchored;
 mod backbone;
 mod own_head;
-mod predict;
+mod predictor;
 
 pub mod learned;
 
@@ -22,10 +23,11 @@ mod shell;
 mod voxels;
 
 pub use anchored::{Anchored, anchor};
-pub use backbone::{geometry, identity as backbone_identity};
+pub use backbone::Geometry;
 pub use config::{Allocation, Backbone, Budget, Config, Exposure, Head};
-pub use depth_backbone::{DepthRange, Features, ViewGeometry, Wanted};
+pub use depth_backbone::{DepthRange, Features, NetworkDevice, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};
-pub use predict::{predict, predict_from, wanted};
-pub use prediction::{Counts, ExposureGain, Prediction, Stage, StageSeconds};
+pub use prediction::{Counts, ExposureGain, Prediction};
+pub use predictor::Predictor;
+pub use stage::{Stage, StageSeconds, Stages};

@@ -1,10 +1,9 @@
 //! The backbone's own head: one Gaussian of every pixel, as the network made them.
 
-use crate::anchored::timed;
 use crate::as_photographed::exposed_as;
-use crate::prediction::{Counts, ExposureGain, Prediction, Stage, StageSeconds};
-use crate::{Allocation, Config, Error, Result, exposure, shell};
-use depth_backbone::ViewGeometry;
+use crate::{
+    Config, Counts, Error, ExposureGain, Geometry, Prediction, Result, Stage, Stages, exposure, shell,
+};
 use gs_scene::{Gaussians, SH_C0, View, sh_coefficients};
 
 /// What reports call it.
@@ -13,25 +12,18 @@ const NAME: &str = "depthsplat";
 /// Joins the Gaussians of all views, brought into the common exposure, and the far shell; the prediction's geometry is left empty.
 pub(crate) fn finish(
     views: &[View],
-    geometry: &[ViewGeometry],
-    depth_range: (f64, f64),
+    geometry: &Geometry,
     config: &Config,
-    on_stage: &mut dyn FnMut(Stage),
+    mut stages: Stages<'_>,
 ) -> Result<Prediction> {
-    if config.allocation != Allocation::PixelAligned {
-        return Err(Error::OwnHeadAllocation);
-    }
-    let mut seconds = StageSeconds::default();
-    on_stage(Stage::Exposure);
-    let (exposed, exposure) = timed(&mut seconds.exposure, || exposure::equalised(views, geometry));
-    on_stage(Stage::Shell);
-    let shell = timed(&mut seconds.shell, || match config.far_shell {
+    let Geometry { views: geometry, depth_range } = geometry;
+    let (exposed, exposure) = stages.run(Stage::Exposure, || exposure::equalised(views, geometry));
+    let shell = stages.run(Stage::Shell, || match config.far_shell {
         true => shell::shell(&exposed, depth_range.1, usize::MAX),
         false => Gaussians::empty(0),
     })?;
-    on_stage(Stage::Decode);
     let mut per_view = Vec::new();
-    let gaussians = timed(&mut seconds.decode, || {
+    let gaussians = stages.run(Stage::Decode, || {
         let mut all: Option<Gaussians> = None;
         for (geometry, &exposure) in geometry.iter().zip(&exposure) {
             let mut own = geometry.gaussians.clone().ok_or(Error::NoOwnGaussians)?;
@@ -47,6 +39,7 @@ pub(crate) fn finish(
         exposed_as(config.exposure, all, views, &exposure)
     })?;
     let counts = Counts { total: gaussians.len(), per_view, shell: shell.len() };
+    let (depth_range, seconds) = (*depth_range, stages.seconds());
     let (head, geometry) = (NAME.to_owned(), Vec::new());
     Ok(Prediction { gaussians, head, counts, tau: None, geometry, exposure, depth_range, seconds })
 }

@@ -1,3 +1,4 @@
+use crate::StageSeconds;
 use depth_backbone::ViewGeometry;
 use gs_scene::{Gaussians, View};
 use serde::Serialize;
@@ -71,51 +72,6 @@ impl Counts {
         let shell = left(self.shell);
         Self { total: per_view.iter().sum::<usize>() + shell, per_view, shell }
     }
-}
-
-/// A stage of the pipeline, in order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Stage {
-    /// Depth and features.
-    Backbone,
-    /// Exposure of the views to each other.
-    Exposure,
-    /// The far shell.
-    Shell,
-    /// Probability maps and chosen pixels.
-    Sampling,
-    /// Pixels to anchors, by voxels where that is the allocation.
-    Backproject,
-    /// Neighbours of anchors.
-    Knn,
-    /// Attributes of anchors.
-    Head,
-    /// Attributes to one set of Gaussians, merged where that is the allocation.
-    Decode,
-}
-
-/// Wall time per stage, seconds.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct StageSeconds {
-    /// Depth and features.
-    pub backbone: f64,
-    /// Exposure of the views to each other.
-    pub exposure: f64,
-    /// The far shell.
-    pub shell: f64,
-    /// Probability maps and chosen pixels.
-    pub sampling: f64,
-    /// Pixels to anchors, by voxels where that is the allocation.
-    pub backproject: f64,
-    /// Neighbours of anchors.
-    pub knn: f64,
-    /// Rendering the closed form into the views, where the head is told of it; announced as [`Stage::Head`].
-    pub feedback: f64,
-    /// Attributes of anchors; the head's weights are read in it.
-    pub head: f64,
-    /// Attributes to one set of Gaussians, merged where that is the allocation.
-    pub decode: f64,
 }
 
 #[cfg(test)]

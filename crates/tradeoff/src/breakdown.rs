@@ -6,6 +6,7 @@ use evaluate::Seconds;
 use report_parts::chart::COLOURS;
 use report_parts::colour;
 use report_parts::page::escape;
+use sparsesplat::Stage;
 use std::fmt::Write;
 
 /// A stage's time, seconds.
@@ -14,12 +15,14 @@ type Time = fn(&Seconds) -> f64;
 /// Stages as the bars show them, the paper's names where it has them.
 const STAGES: [(&str, Time); 8] = [
     ("load", |s| s.load),
-    ("backbone", |s| s.backbone),
-    ("exposure, shell, sampling", |s| s.exposure + s.shell + s.sampling),
-    ("back-projection", |s| s.backproject),
-    ("knn", |s| s.knn),
-    ("feedback", |s| s.feedback),
-    ("head, decoding", |s| s.head + s.decode),
+    ("backbone", |s| s.stages[Stage::Backbone]),
+    ("exposure, shell, sampling", |s| {
+        s.stages[Stage::Exposure] + s.stages[Stage::Shell] + s.stages[Stage::Sampling]
+    }),
+    ("back-projection", |s| s.stages[Stage::Backproject]),
+    ("knn", |s| s.stages[Stage::Knn]),
+    ("feedback", |s| s.stages[Stage::Feedback]),
+    ("head, decoding", |s| s.stages[Stage::Head] + s.stages[Stage::Decode]),
     ("refinement, writing", |s| s.refine + s.write),
 ];
 

@@ -8,6 +8,7 @@ use super::summary::{Row, Share, Summary};
 use evaluate::Seconds;
 use report_parts::{Table, count, decibel, lpips_column, number};
 use scene_windows::Dropped;
+use sparsesplat::Stage;
 use std::fmt::Write;
 
 /// What was found, in sentences.
@@ -129,10 +130,10 @@ pub fn points_table(summary: &Summary) -> Table {
             with_spread(row.ssim_held_out, 3, row.spread.map(|spread| spread.ssim_held_out)),
             number(row.lpips_held_out.unwrap_or(f64::NAN), 3),
             number(row.seconds_to_gaussians, 2),
-            number(row.seconds.backbone, 2),
-            number(row.seconds.knn, 3),
-            number(row.seconds.feedback, 3),
-            number(row.seconds.head, 3),
+            number(row.seconds.stages[Stage::Backbone], 2),
+            number(row.seconds.stages[Stage::Knn], 3),
+            number(row.seconds.stages[Stage::Feedback], 3),
+            number(row.seconds.stages[Stage::Head], 3),
             number(row.frames_per_second, 1),
             row.peak_rss_bytes.map_or_else(|| "-".to_owned(), |bytes| megabytes(bytes as f64)),
             megabytes(row.ply_bytes),
@@ -177,8 +178,8 @@ pub fn csv(summary: &Summary) -> String {
     let mut text = String::from(
         "point,axis,allocation,base,gaussians,psnr_held_out,psnr_spread,ssim_held_out,ssim_spread,lpips_held_out,seconds_to_gaussians",
     );
-    let stages = |row: &Row| row.seconds.stages();
-    let names = Seconds::default().stages().map(|(name, _)| name);
+    let stages = |row: &Row| row.seconds.by_name();
+    let names = Seconds::default().by_name().map(|(name, _)| name);
     for name in names {
         let _ = write!(text, ",seconds_{name}");
     }

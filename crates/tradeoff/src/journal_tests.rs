@@ -3,6 +3,7 @@ use crate::measure::Views;
 use crate::sweep::Axis;
 use evaluate::Seconds;
 use serde_json::json;
+use sparsesplat::{Stage, StageSeconds};
 use tempfile::tempdir;
 
 pub(crate) fn label(point: &str, axis: Axis, allocation: &str, base: bool) -> Label {
@@ -29,13 +30,12 @@ fn views() -> Views {
 }
 
 pub(crate) fn measured(window: &str, seed: u64, point: &str, gaussians: usize, psnr: f64) -> Measured {
-    let seconds = Seconds {
-        backbone: 1.0,
-        knn: 1e-6 * gaussians as f64,
-        total: 1.5,
-        render: 0.25,
-        ..Seconds::default()
-    };
+    let stages = StageSeconds::of_each(|stage| match stage {
+        Stage::Backbone => 1.0,
+        Stage::Knn => 1e-6 * gaussians as f64,
+        _ => 0.0,
+    });
+    let seconds = Seconds { stages, total: 1.5, render: 0.25, ..Seconds::default() };
     Measured {
         window: window.to_owned(),
         views: Box::new(views()),

@@ -10,7 +10,7 @@ use gs_scene::{Gaussians, write_ply};
 use image_metrics::{Lpips, psnr, ssim};
 use scene_windows::Window;
 use serde::{Deserialize, Serialize};
-use sparsesplat::{Config, Stage, ViewGeometry, Wanted, geometry, predict_from};
+use sparsesplat::{Geometry, Predictor, Stage};
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
@@ -81,25 +81,19 @@ pub struct Measured {
 
 /// What the backbone says of a window, for all points that share it.
 pub(super) struct Survey {
-    geometry: Vec<ViewGeometry>,
-    depth_range: (f64, f64),
+    geometry: Geometry,
     seconds: f64,
     peak_rss_bytes: Option<u64>,
 }
 
 impl Survey {
-    pub(super) fn of(
-        window: &Window,
-        config: &Config,
-        wanted: Wanted,
-        on_step: &mut dyn FnMut(Step),
-    ) -> Result<Self> {
+    pub(super) fn of(window: &Window, predictor: &Predictor, on_step: &mut dyn FnMut(Step)) -> Result<Self> {
         on_step(Step::Predict(Stage::Backbone));
         let counts = restart_peak_rss();
         let mut taken = Stopwatch::new();
-        let (geometry, depth_range) = taken.time(|| geometry(&window.context, config, wanted))?;
+        let geometry = taken.time(|| predictor.geometry(&window.context))?;
         let peak_rss_bytes = peak_rss_bytes().filter(|_| counts);
-        Ok(Self { geometry, depth_range, seconds: taken.seconds, peak_rss_bytes })
+        Ok(Self { geometry, seconds: taken.seconds, peak_rss_bytes })
     }
 }
 
@@ -111,13 +105,14 @@ pub(super) struct Instruments<'a> {
     pub(super) scratch: &'a Path,
 }
 
-/// Measures a point; `method` is the point's, with seed and depth range set.
+/// Measures a point; `method` is the point's, with seed and depth range set, and `predictor` has its configuration.
 pub(super) fn measure(
     window: &Window,
     views: &Views,
     survey: &Survey,
     point: &Point,
     method: &Method,
+    predictor: &Predictor,
     instruments: &mut Instruments<'_>,
     on_step: &mut dyn FnMut(Step),
 ) -> Result<(Measured, Vec<Rendered>)> {
@@ -126,9 +121,7 @@ pub(super) fn measure(
     let counts = restart_peak_rss();
     let begin = Instant::now();
     let mut on_stage = |stage| on_step(Step::Predict(stage));
-    let Survey { geometry, depth_range, .. } = survey;
-    let mut prediction =
-        predict_from(&window.context, geometry, *depth_range, &method.predict, &mut on_stage)?;
+    let mut prediction = predictor.predict_from(&window.context, &survey.geometry, &mut on_stage)?;
     let mut refining = Stopwatch::new();
     let nothing = |_: &Gaussians, _: &mut Rasterizer| Ok(f64::NAN);
     if method.refine.is_some() {
@@ -166,15 +159,15 @@ pub(super) fn measure(
     }
     let render: f64 = frames.iter().sum();
     let total = window.load_seconds + survey.seconds + after_backbone + render;
-    let seconds = Seconds::default().with_stages(&prediction.seconds);
+    let mut stages = prediction.seconds;
+    stages[Stage::Backbone] = survey.seconds;
     let seconds = Seconds {
         load: window.load_seconds,
-        backbone: survey.seconds,
+        stages,
         refine: refining.seconds,
         write: writing.seconds,
         render,
         total,
-        ..seconds
     };
     let finite = |value: f64| Some(value).filter(|value| value.is_finite());
     let measured = Measured {

@@ -3,6 +3,7 @@
 use super::summary::{Row, Summary};
 use report_parts::{Table, count, lpips_column, number};
 use serde::{Serialize, Serializer};
+use sparsesplat::Stage;
 
 /// A table of the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -34,25 +35,31 @@ const MAIN: [Column; 5] = [PSNR, SSIM, LPIPS, GAUSSIANS, SECONDS];
 const REPLICA: [Column; 3] = [PSNR, SSIM, LPIPS];
 /// Milliseconds. `other` is what the paper does not list, `between` what no stage counts: with it a row adds up.
 const RUNTIME: [Column; 7] = [
-    Column("milliseconds_backbone", "backbone", Some(1), |row| 1e3 * row.seconds.backbone),
-    Column("milliseconds_sampling", "sampling", Some(1), |row| 1e3 * row.seconds.sampling),
-    Column("milliseconds_knn", "KNN", Some(1), |row| 1e3 * row.seconds.knn),
-    Column("milliseconds_attention", "attention", Some(1), |row| 1e3 * row.seconds.head),
+    Column("milliseconds_backbone", "backbone", Some(1), |row| 1e3 * row.seconds.stages[Stage::Backbone]),
+    Column("milliseconds_sampling", "sampling", Some(1), |row| 1e3 * row.seconds.stages[Stage::Sampling]),
+    Column("milliseconds_knn", "KNN", Some(1), |row| 1e3 * row.seconds.stages[Stage::Knn]),
+    Column("milliseconds_attention", "attention", Some(1), |row| 1e3 * row.seconds.stages[Stage::Head]),
     Column("milliseconds_other", "other", Some(1), |row| 1e3 * other(row)),
     Column("milliseconds_between", "between", Some(1), |row| 1e3 * between(row)),
     Column("milliseconds_total", "total", Some(1), |row| 1e3 * row.seconds_to_gaussians),
 ];
 
+/// Stages that the paper lists.
+const LISTED: [Stage; 4] = [Stage::Backbone, Stage::Sampling, Stage::Knn, Stage::Head];
+
 /// Stages that the paper does not list, seconds.
 fn other(row: &Row) -> f64 {
-    let s = &row.seconds;
-    s.load + s.exposure + s.shell + s.backproject + s.feedback + s.decode + s.refine + s.write
+    let all: f64 = row.seconds.by_name().map(|(_, seconds)| seconds).sum();
+    all - row.seconds.render - listed(row)
+}
+
+fn listed(row: &Row) -> f64 {
+    LISTED.map(|stage| row.seconds.stages[stage]).iter().sum()
 }
 
 /// Wall time that is in no stage, seconds.
 fn between(row: &Row) -> f64 {
-    let s = &row.seconds;
-    row.seconds_to_gaussians - (other(row) + s.backbone + s.sampling + s.knn + s.head)
+    row.seconds_to_gaussians - (other(row) + listed(row))
 }
 
 /// A row: what kind of method, our point (allocation, count; without one it is pixel-aligned), the paper's row and its figures by
@@ -376,7 +383,7 @@ mod tests {
         let stage = std::cell::Cell::new(1.0);
         summary.points[1].seconds = evaluate::Seconds::of_each(|_| stage.replace(2.0 * stage.get()));
         let seconds = &summary.points[1].seconds;
-        let of_pass: f64 = seconds.stages().iter().map(|(_, seconds)| seconds).sum::<f64>() - seconds.render;
+        let of_pass: f64 = seconds.by_name().map(|(_, seconds)| seconds).sum::<f64>() - seconds.render;
         summary.points[1].seconds_to_gaussians = of_pass + 0.5;
         let runtime = Comparison::new(PaperTable::Runtime, &summary);
         let figures = &runtime.rows[0].ours.as_ref().unwrap().0;

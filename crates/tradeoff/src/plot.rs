@@ -12,6 +12,7 @@ use report_parts::chart::{
     range, style, svg,
 };
 use report_parts::labels::place;
+use sparsesplat::Stage;
 
 /// Colour of the front.
 const FRONT: RGBColor = BLACK;
@@ -76,7 +77,8 @@ fn over_seconds(area: &Area<'_>, summary: &Summary) -> Drawn {
 }
 
 fn after_backbone(area: &Area<'_>, summary: &Summary) -> Drawn {
-    let seconds = |row: &Row| row.seconds_to_gaussians - row.seconds.backbone - row.seconds.load;
+    let seconds =
+        |row: &Row| row.seconds_to_gaussians - row.seconds.stages[Stage::Backbone] - row.seconds.load;
     let rivals = || shown(summary).filter(|row| row.label.axis.competes());
     let (area, side) = beside(area);
     let qualities = range(rivals().map(|row| row.psnr_held_out), 0.08);

@@ -10,7 +10,7 @@ use evaluate::{Method, Rendered, Result, Step};
 use gs_raster::Rasterizer;
 use image_metrics::Lpips;
 use scene_windows::{Dropped, Plan, Window};
-use sparsesplat::{Backbone, Config, Wanted, wanted};
+use sparsesplat::{Backbone, NetworkDevice, Predictor, Wanted};
 use std::error::Error;
 use std::path::Path;
 
@@ -25,6 +25,8 @@ pub struct Sweep<'a> {
     pub points: &'a [Point],
     /// The seeds; a point runs with all that change anything.
     pub seeds: &'a [u64],
+    /// Where the networks of backbones run.
+    pub network_device: NetworkDevice,
     /// Measures LPIPS, where there are weights for it.
     pub lpips: Option<&'a Lpips>,
 }
@@ -84,6 +86,7 @@ impl Sweep<'_> {
     ) -> Result<(), SweepError> {
         assert!(!self.seeds.is_empty(), "a sweep needs at least one seed");
         let mut instruments = Instruments { rasterizer, lpips: self.lpips, scratch };
+        let mut predictors = Predictors { device: self.network_device, last: None };
         for (position, plan) in self.ours() {
             let all =
                 self.points.iter().flat_map(|point| self.seeds_of(point).map(move |seed| (point, seed)));
@@ -93,7 +96,7 @@ impl Sweep<'_> {
             on_progress(Progress::Point { window: plan.name(), point: &point.label.point, seed: *seed });
             on_progress(Progress::Step(Step::Load));
             let mut on_step = |step| on_progress(Progress::Step(step));
-            let mut loaded = match Loaded::of(plan, base, &mut on_step) {
+            let mut loaded = match Loaded::of(plan, base, &mut predictors, &mut on_step) {
                 Ok(loaded) => loaded,
                 Err(error) => {
                     let failed = Failed { point: None, ..Failed::new(plan.name(), &error) };
@@ -105,7 +108,8 @@ impl Sweep<'_> {
             for (point, seed) in open {
                 on_progress(Progress::Point { window: plan.name(), point: &point.label.point, seed });
                 let mut on_step = |step| on_progress(Progress::Step(step));
-                let measured = loaded.measure(plan, point, seed, &mut instruments, &mut on_step);
+                let measured =
+                    loaded.measure(plan, point, seed, &mut predictors, &mut instruments, &mut on_step);
                 let kept = measured.map_err(Box::<dyn Error>::from).and_then(|(measured, renderings)| {
                     if self.seeds_of(point).next() == Some(seed) {
                         pictures.keep(position, &loaded.whole, &point.label.point, &renderings)?;
@@ -148,6 +152,24 @@ impl Failed {
     }
 }
 
+/// Makes the predictors of all points; weights are read once.
+struct Predictors {
+    device: NetworkDevice,
+    last: Option<Predictor>,
+}
+
+impl Predictors {
+    fn with(&mut self, method: &Method) -> Result<Predictor> {
+        let config = method.predict.clone();
+        let predictor = match &self.last {
+            Some(last) => last.with_config(config)?,
+            None => Predictor::on(config, self.device)?,
+        };
+        self.last = Some(predictor.clone());
+        Ok(predictor)
+    }
+}
+
 /// A window with what the backbone says of it, at every size that points ask for.
 struct Loaded {
     whole: Window,
@@ -159,35 +181,34 @@ struct Loaded {
 
 impl Loaded {
     /// The window, and its survey for the base, whatever points are open: without it there is none for most others.
-    fn of(plan: &Plan, base: &Point, on_step: &mut dyn FnMut(Step)) -> Result<Self> {
+    fn of(
+        plan: &Plan,
+        base: &Point,
+        predictors: &mut Predictors,
+        on_step: &mut dyn FnMut(Step),
+    ) -> Result<Self> {
         let whole = plan.load(true)?;
         let views = Views::of(&whole);
         let mut loaded = Self { whole, views, smaller: Vec::new(), surveys: Vec::new() };
-        loaded.survey(plan, base, on_step)?;
+        let predictor = predictors.with(&base.method.on(plan, 0))?;
+        loaded.survey(plan, base, &predictor, on_step)?;
         Ok(loaded)
     }
 
-    /// The method of a point on this window.
-    fn method(plan: &Plan, point: &Point, seed: u64) -> Method {
-        let mut method = point.method.clone();
-        method.predict.seed = seed;
-        if let Some(refine) = &mut method.refine {
-            refine.seed = seed;
-        }
-        method.predict.depth_range = plan.depth_range(method.predict.depth_range);
-        method
-    }
-
     /// Runs the backbone as a point has it, unless it was run; the place in the list of surveys.
-    fn survey(&mut self, plan: &Plan, point: &Point, on_step: &mut dyn FnMut(Step)) -> Result<usize> {
-        let Config { backbone, .. } = point.method.predict.clone();
-        let key = (point.shrink, backbone, wanted(&point.method.predict)?);
+    fn survey(
+        &mut self,
+        plan: &Plan,
+        point: &Point,
+        predictor: &Predictor,
+        on_step: &mut dyn FnMut(Step),
+    ) -> Result<usize> {
+        let key = (point.shrink, predictor.config().backbone.clone(), predictor.wanted());
         if let Some(known) = self.surveys.iter().position(|(of, _)| *of == key) {
             return Ok(known);
         }
         self.shrink(plan, point.shrink)?;
-        let config = Self::method(plan, point, 0).predict;
-        let survey = Survey::of(self.window(point.shrink), &config, key.2, on_step)?;
+        let survey = Survey::of(self.window(point.shrink), predictor, on_step)?;
         self.surveys.push((key, survey));
         Ok(self.surveys.len() - 1)
     }
@@ -201,14 +222,16 @@ impl Loaded {
         plan: &Plan,
         point: &Point,
         seed: u64,
+        predictors: &mut Predictors,
         instruments: &mut Instruments<'_>,
         on_step: &mut dyn FnMut(Step),
     ) -> Result<(Measured, Vec<Rendered>)> {
-        let survey = self.survey(plan, point, on_step)?;
-        let method = Self::method(plan, point, seed);
+        let method = point.method.on(plan, seed);
+        let predictor = predictors.with(&method)?;
+        let survey = self.survey(plan, point, &predictor, on_step)?;
         let window = self.window(point.shrink);
         let survey = &self.surveys[survey].1;
-        measure(window, &self.views, survey, point, &method, instruments, on_step)
+        measure(window, &self.views, survey, point, &method, &predictor, instruments, on_step)
     }
 
     /// Loads the context views in a smaller size, unless they are there; targets stay as they are.
@@ -243,7 +266,12 @@ mod tests {
             base: name == "first",
         };
         let budget = sparsesplat::Budget::Gaussians(200);
-        let predict = Config { backbone, budget, head: sparsesplat::Head::ClosedForm, ..Config::default() };
+        let predict = sparsesplat::Config {
+            backbone,
+            budget,
+            head: sparsesplat::Head::ClosedForm,
+            ..sparsesplat::Config::default()
+        };
         Point { label, method: Method::feed_forward(predict), cuts: Cuts::default(), shrink: 1 }
     }
 
@@ -259,8 +287,14 @@ mod tests {
         let plans = [Plan::simulated(SimulatedScene::Courtyard, (48, 32))];
         let labels: Vec<Label> = points.iter().map(|point| point.label.clone()).collect();
         let header = header(&[plans[0].name()], &labels, &[0, 1]);
-        let sweep =
-            Sweep { plans: &plans, shard: Shard::WHOLE, points: &points, seeds: &[0, 1], lpips: None };
+        let sweep = Sweep {
+            plans: &plans,
+            shard: Shard::WHOLE,
+            points: &points,
+            seeds: &[0, 1],
+            network_device: NetworkDevice::Cpu,
+            lpips: None,
+        };
         let pictures = Pictures::below(&[folder.path().to_path_buf()]);
         // Points of failures, and how many runs are said to be behind.
         let run =

@@ -332,7 +332,7 @@ impl<'a> Entries<'a> {
             ssim_held_out: mean(ssims.into_iter()),
             lpips_held_out: Some(lpips).filter(|lpips| lpips.is_finite()),
             spread,
-            seconds: Seconds::of_each(|of| seconds(&of)),
+            seconds: Seconds::of_each(|of| seconds(of)),
             seconds_to_gaussians: seconds(&Seconds::to_gaussians),
             frames_per_second: 1.0 / over_scenes(&|runs| median(runs.iter().map(per_frame))),
             ply_bytes: mean(per_seed(|run| Some(run.ply_bytes as f64)).into_iter()),

@@ -8,7 +8,7 @@ use safetensors::tensor::Dtype;
 use scene_windows::{GeometryCache, Plan, Window, hexadecimal};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use sparsesplat::{ViewGeometry, Wanted, backbone_identity};
+use sparsesplat::{Geometry, Predictor, Wanted};
 use std::path::{Path, PathBuf};
 use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
@@ -28,16 +28,14 @@ pub struct Case {
     /// Held-out views.
     pub targets: Vec<View>,
     /// What the backbone says of the context views, with features.
-    pub geometry: Vec<ViewGeometry>,
-    /// Depth range, scene units.
-    pub depth_range: (f64, f64),
+    pub geometry: Geometry,
 }
 
 /// Windows to train on: the views of each in a file of the cache, and in another, which evaluations share, what the backbone says of them.
 #[derive(Debug, Clone)]
 pub struct Cases {
-    /// File of views, and the settings of the backbone.
-    files: Vec<(PathBuf, sparsesplat::Config)>,
+    /// File of views, and the backbone as it sees them.
+    files: Vec<(PathBuf, Predictor)>,
     geometry: GeometryCache,
     hash: String,
 }
@@ -66,7 +64,7 @@ impl Cases {
     /// If a window cannot be loaded, has no held-out views, none is left, or a file cannot be read or written.
     pub fn open(
         plans: &[Plan],
-        predict: &sparsesplat::Config,
+        predictor: &Predictor,
         cache: &Path,
         on_case: &mut dyn FnMut(&str, Option<&scene_windows::Error>),
     ) -> Result<Self> {
@@ -74,13 +72,14 @@ impl Cases {
             return Err(Error::NoWindows);
         }
         let geometry = GeometryCache { folder: cache.to_path_buf() };
-        let backbone = backbone_identity(&predict.backbone)?;
+        let backbone = predictor.backbone_identity();
         let mut files = Vec::with_capacity(plans.len());
         let mut all = Sha256::new();
         let mut insufficient = None;
         for plan in plans {
-            let settings =
-                sparsesplat::Config { depth_range: plan.depth_range(predict.depth_range), ..predict.clone() };
+            let config = predictor.config();
+            let depth_range = plan.depth_range(config.depth_range);
+            let predictor = predictor.with_config(sparsesplat::Config { depth_range, ..config.clone() })?;
             let (described, loaded) = match plan.description() {
                 Some(description) => (description, None),
                 None => {
@@ -99,8 +98,8 @@ impl Cases {
                 Views::of_window(window)?.write(&file)?;
             }
             let views = Views::read(&file)?;
-            if !geometry.path(&views.name, &views.context, &settings, Wanted::DepthAndFeatures)?.exists() {
-                match geometry.geometry(&views.name, &views.context, &settings, Wanted::DepthAndFeatures) {
+            if !geometry.path(&views.name, &views.context, &predictor, Wanted::DepthAndFeatures).exists() {
+                match geometry.geometry(&views.name, &views.context, &predictor, Wanted::DepthAndFeatures) {
                     Err(error @ scene_windows::Error::Predict(_)) => {
                         on_case(&views.name, Some(&error));
                         insufficient = Some(error);
@@ -109,8 +108,8 @@ impl Cases {
                     made => made?,
                 };
             }
-            all.update(format!("{key}\n{backbone} {:?}", settings.depth_range).as_bytes());
-            files.push((file, settings));
+            all.update(format!("{key}\n{backbone} {depth_range:?}").as_bytes());
+            files.push((file, predictor));
             on_case(&views.name, None);
         }
         if let (true, Some(error)) = (files.is_empty(), insufficient) {
@@ -142,11 +141,10 @@ impl Cases {
     /// # Errors
     /// If a file is gone or broken.
     pub fn read(&self, index: usize) -> Result<Case> {
-        let (file, settings) = &self.files[index];
+        let (file, predictor) = &self.files[index];
         let Views { name, context, targets } = Views::read(file)?;
-        let (geometry, depth_range) =
-            self.geometry.geometry(&name, &context, settings, Wanted::DepthAndFeatures)?;
-        Ok(Case { name, context, targets, geometry, depth_range })
+        let geometry = self.geometry.geometry(&name, &context, predictor, Wanted::DepthAndFeatures)?;
+        Ok(Case { name, context, targets, geometry })
     }
 }
 

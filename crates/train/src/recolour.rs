@@ -63,7 +63,11 @@ pub(crate) fn recoloured(mut case: Case, share: f64, seed: u64) -> Result<Case> 
         return Ok(case);
     }
     let recolouring = Recolouring::drawn(&case.context, seed);
-    case.geometry.iter().try_for_each(ViewGeometry::follows_colours).map_err(sparsesplat::Error::from)?;
+    case.geometry
+        .views
+        .iter()
+        .try_for_each(ViewGeometry::follows_colours)
+        .map_err(sparsesplat::Error::from)?;
     case.context.iter_mut().chain(&mut case.targets).for_each(|view| recolouring.apply(view));
     Ok(case)
 }
@@ -74,7 +78,7 @@ mod tests {
     use crate::Error;
     use glam::{DMat3, DVec3};
     use gs_scene::{Camera, Image, Intrinsics};
-    use sparsesplat::{Backbone, Config, Features, Wanted, geometry};
+    use sparsesplat::{Backbone, Config, Features, Predictor, Wanted};
 
     fn view(x: f64, data: Vec<f32>) -> View {
         let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0, width: 8, height: 6 };
@@ -88,8 +92,9 @@ mod tests {
         let picture = |x| view(x, (0..144).map(|i| (i * 37 % 144) as f32 / 143.0).collect());
         let context = vec![picture(0.0), picture(0.1)];
         let config = Config { backbone: Backbone::GivenDepth, ..Config::default() };
-        let (geometry, depth_range) = geometry(&context, &config, Wanted::DepthAndFeatures).unwrap();
-        Case { name: "c".to_owned(), context, targets: vec![picture(0.2)], geometry, depth_range }
+        let predictor = Predictor::new(config).unwrap();
+        let geometry = predictor.geometry_with(&context, Wanted::DepthAndFeatures).unwrap();
+        Case { name: "c".to_owned(), context, targets: vec![picture(0.2)], geometry }
     }
 
     #[test]
@@ -103,7 +108,7 @@ mod tests {
             assert_eq!(colours, after.context[1].image().data());
             assert_eq!(colours, after.targets[0].image().data());
             let red: Vec<f32> = colours.iter().step_by(3).copied().collect();
-            let features = after.geometry[1].feature_map(&after.context[1]).unwrap().unwrap();
+            let features = after.geometry.views[1].feature_map(&after.context[1]).unwrap().unwrap();
             assert_eq!(features.channel(0), red);
             let again = recoloured(case(), 0.3, seed).unwrap();
             assert_eq!(colours, again.context[0].image().data());
@@ -125,7 +130,7 @@ mod tests {
     #[test]
     fn features_of_a_network_are_refused() {
         let mut case = case();
-        for (geometry, view) in case.geometry.iter_mut().zip(&case.context) {
+        for (geometry, view) in case.geometry.views.iter_mut().zip(&case.context) {
             let map = geometry.feature_map(view).unwrap().unwrap().into_owned();
             geometry.features = Some(Features::Map(map));
         }

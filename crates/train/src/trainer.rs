@@ -16,7 +16,7 @@ use gs_scene::View;
 use image_metrics::Lpips;
 use serde::Serialize;
 use sparsesplat::learned::{BY_DIRECTION, FEATURES, geometry_features, image_features};
-use sparsesplat::{Anchored, Budget, StageSeconds, anchor};
+use sparsesplat::{Anchored, Budget, Stages, anchor};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -98,7 +98,7 @@ impl Trainer {
     pub fn new(config: Config, cases: Cases, rasterizer: Rasterizer) -> Result<Self> {
         config.check()?;
         let first = cases.read(0)?;
-        let features = first.geometry.first().and_then(|geometry| geometry.features.as_ref());
+        let features = first.geometry.views.first().and_then(|geometry| geometry.features.as_ref());
         let (channels, schema) = features.map_or((0, ""), |map| (map.channels(), map.schema()));
         let head = attn_head::Config {
             kind: config.head,
@@ -284,7 +284,7 @@ impl Trainer {
         let case = self.cases.read((bits(seed, Stream::Case, index) % self.cases.len() as u64) as usize)?;
         let mut case = recoloured(case, self.config.recolour, bits(seed, Stream::Colours, index))?;
         let disturbance = bits(seed, Stream::Disturbance, index);
-        case.geometry = disturbed(case.geometry, self.config.depth_error, disturbance)?;
+        case.geometry.views = disturbed(case.geometry.views, self.config.depth_error, disturbance)?;
         let [low, high] = self.config.density;
         let density = low * (high / low).powf(unit(seed, Stream::Density, index));
         let anchored = self.anchored(&case, density, bits(seed, Stream::Sampling, index))?;
@@ -298,7 +298,7 @@ impl Trainer {
 
         let weights = Var::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
         let feedback = anchored.feedback(self.config.feedback)?;
-        let outputs = self.net.outputs(&weights, anchored.inputs(&case.geometry, &feedback))?;
+        let outputs = self.net.outputs(&weights, anchored.inputs(&case.geometry.views, &feedback))?;
         let by_direction = outputs.narrow(1, BY_DIRECTION.start, BY_DIRECTION.len())?;
         let share = f64::from(self.config.direction) / by_direction.elem_count().max(1) as f64;
         let by_direction = (by_direction.sqr()?.sum_all()? * share)?;
@@ -350,8 +350,7 @@ impl Trainer {
             seed,
             ..sparsesplat::Config::default()
         };
-        let (far, seconds) = (case.depth_range.1, &mut StageSeconds::default());
-        Ok(anchor(&case.context, &case.geometry, far, &config, seconds, &mut |_| {})?)
+        Ok(anchor(&case.context, &case.geometry, &config, &mut Stages::new(&mut |_| {}))?)
     }
 
     /// Held-out PSNR of the head and of the closed form on the targets of `cases`, at one density; `look` is given each
@@ -366,7 +365,8 @@ impl Trainer {
             let anchored = self.anchored(&case, density, self.config.seed)?;
             let weights = Tensor::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
             let feedback = anchored.feedback(self.config.feedback)?;
-            let outputs = values(&self.net.outputs(&weights, anchored.inputs(&case.geometry, &feedback))?)?;
+            let outputs =
+                values(&self.net.outputs(&weights, anchored.inputs(&case.geometry.views, &feedback))?)?;
             let mut learned = anchored.decoder().decode(&outputs);
             learned.append(&anchored.shell.clone().with_sh_degree(learned.sh_degree())?);
             let mut closed = anchored.base.clone();

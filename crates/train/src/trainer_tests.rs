@@ -1,13 +1,17 @@
 use super::*;
 use attn_head::{Kind, OUTPUTS, WIDTH};
 use scene_windows::{Plan, SimulatedScene};
-use sparsesplat::Backbone;
+use sparsesplat::{Backbone, Predictor};
 
 fn trainer(config: Config, cache: &Path) -> Trainer {
     let plans = [Plan::simulated(SimulatedScene::Courtyard, (48, 32))];
     let predict = sparsesplat::Config { backbone: Backbone::GivenDepth, ..sparsesplat::Config::default() };
-    let cases = Cases::open(&plans, &predict, cache, &mut |_, _| {}).unwrap();
+    let cases = Cases::open(&plans, &Predictor::new(predict).unwrap(), cache, &mut |_, _| {}).unwrap();
     Trainer::new(config, cases, Rasterizer::cpu()).unwrap()
+}
+
+fn default_predictor() -> Predictor {
+    Predictor::new(sparsesplat::Config::default()).unwrap()
 }
 
 /// Weights along which a derivative is checked.
@@ -185,7 +189,7 @@ fn a_run_may_begin_with_the_weights_of_another() {
         run.start_from(&[named(recipe.clone())]).unwrap();
         let case = run.cases.read(0).unwrap();
         let anchored = run.anchored(&case, 0.02, 0).unwrap();
-        let inputs = anchored.inputs(&case.geometry, &anchored.feedback(true).unwrap());
+        let inputs = anchored.inputs(&case.geometry.views, &anchored.feedback(true).unwrap());
         attn_head::Head::new(run.weights()).unwrap().run(&inputs.as_inputs()).unwrap()
     };
     let (all, half) = (outputs(1.0), outputs(0.5));
@@ -233,7 +237,7 @@ fn a_file_of_the_cache_that_is_cut_off_or_gone_is_named() {
     assert!(trainer.cases.read(0).is_ok());
     std::fs::remove_file(&views[0]).unwrap();
     assert!(matches!(trainer.cases.read(0), Err(Error::CacheFile { .. })));
-    let empty = Cases::open(&[], &sparsesplat::Config::default(), folder.path(), &mut |_, _| {});
+    let empty = Cases::open(&[], &default_predictor(), folder.path(), &mut |_, _| {});
     assert!(matches!(empty, Err(Error::NoWindows)));
 }
 
@@ -247,7 +251,7 @@ fn a_window_without_enough_for_the_backbone_is_named_and_left_out() {
         let on_case = &mut |name: &str, why: Option<&scene_windows::Error>| {
             told.push((name.to_owned(), why.map(ToString::to_string)));
         };
-        (Cases::open(plans, &sparsesplat::Config::default(), folder.path(), on_case), told)
+        (Cases::open(plans, &default_predictor(), folder.path(), on_case), told)
     };
     let (both, told) = open(&[tiny.clone(), good.clone()]);
     let (one, _) = open(&[good]);

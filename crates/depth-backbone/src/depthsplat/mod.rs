@@ -37,7 +37,9 @@ pub use tensor_files::{WeightFault, WeightProblem};
 pub use variant::{Scales, Variant, Vit};
 
 use crate::backbone::check_pixels;
-use crate::{DepthBackbone, DepthRange, Error, Features, Result, ViewGeometry, Wanted, estimate};
+use crate::{
+    DepthBackbone, DepthRange, Error, Features, NetworkDevice, Result, ViewGeometry, Wanted, estimate,
+};
 use candle_core::Device;
 use cost_volume::Bounds;
 use gs_scene::{Gaussians, View, sh_coefficients};
@@ -45,9 +47,7 @@ use layers::Engine;
 use network::{Network, NetworkInputs, NetworkOutputs};
 use params::Params;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::SystemTime;
+use std::path::Path;
 use taps::Taps;
 use views::Padded;
 
@@ -61,17 +61,6 @@ pub struct DepthSplat {
     /// What heads that are trained on its features know them by.
     schema: String,
 }
-
-/// A file as it was when it was read.
-#[derive(PartialEq)]
-struct Stamp {
-    path: PathBuf,
-    bytes: u64,
-    modified: Option<SystemTime>,
-}
-
-/// The network that was last asked for.
-static LAST: Mutex<Option<(Stamp, Arc<DepthSplat>)>> = Mutex::new(None);
 
 /// What a pass through the network shows of itself.
 #[derive(Debug, Clone, Default)]
@@ -102,48 +91,27 @@ impl DepthSplat {
     /// If the file cannot be read, is another than its name promises, holds none of the known networks, or any of its tensors
     /// is missing, unexpected, misshapen or not finite.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
-        Self::open_on(path, &Device::Cpu)
+        Self::open_on(path, NetworkDevice::Cpu)
     }
 
-    /// The same on a device of candle's: with the features `cuda` or `metal` a GPU.
+    /// The same on another device.
     ///
     /// # Errors
-    /// As [`DepthSplat::open`].
-    pub fn open_on(path: impl AsRef<Path>, device: &Device) -> Result<Self> {
+    /// As [`DepthSplat::open`]; if there is no such device, or this build cannot use it.
+    pub fn open_on(path: impl AsRef<Path>, device: NetworkDevice) -> Result<Self> {
         let path = path.as_ref();
-        let opened = checkpoint::open(path, device)?;
+        let device = match device {
+            NetworkDevice::Cpu => Device::Cpu,
+            NetworkDevice::Cuda => Device::new_cuda(0)?,
+            NetworkDevice::Metal => Device::new_metal(0)?,
+        };
+        let opened = checkpoint::open(path, &device)?;
         let network = Network::new(&opened.params, opened.variant, opened.with_heads)
             .map_err(|source| Error::WeightsUnreadable { path: path.to_owned(), source })?;
         checkpoint::check(path, &opened.params, opened.variant)?;
         // Its features are those of these very weights.
         let schema = format!("depthsplat {} {}", opened.variant, opened.sha256_start);
         Ok(Self { network, range: DepthRange::Estimate, schema })
-    }
-
-    /// The network of a checkpoint, on a GPU with the features `cuda` or `metal` if there is one, else on the CPU; the last one stays in
-    /// memory, and is had again for the same file without reading it.
-    ///
-    /// # Errors
-    /// As [`DepthSplat::open`].
-    pub fn shared(path: impl AsRef<Path>) -> Result<Arc<Self>> {
-        let path = path.as_ref();
-        let unreadable =
-            |e: std::io::Error| Error::WeightsUnreadable { path: path.to_owned(), source: e.into() };
-        let file = std::fs::metadata(path).map_err(unreadable)?;
-        let stamp = Stamp { path: path.to_owned(), bytes: file.len(), modified: file.modified().ok() };
-        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, network)) = last.as_ref().filter(|(read, _)| *read == stamp) {
-            return Ok(Arc::clone(network));
-        }
-        // Two of them need not be held at a time.
-        *last = None;
-        let device = match Device::cuda_if_available(0)? {
-            Device::Cpu => Device::metal_if_available(0)?,
-            gpu => gpu,
-        };
-        let network = Arc::new(Self::open_on(path, &device)?);
-        *last = Some((stamp, Arc::clone(&network)));
-        Ok(network)
     }
 
     /// A network whose weights follow a rule instead of training: it computes all that the trained one does, and its

@@ -162,10 +162,11 @@ fn the_head_has_rows_for_both_forms_and_for_training() {
     let (table, found) = bench("head", &["--counts", "40,90", "--neighbours", "5", "--plain-up-to", "50"]);
     let labels = labels(&found["rows"], "head", false);
     let expected = [
-        ("candle", "matrix product"),
+        ("candle", "16 matrix products"),
         ("ours", "forward"),
         ("ours", "training"),
         ("ours-naive", "forward"),
+        ("candle", "16 matrix products"),
         ("ours", "forward"),
         ("ours", "training"),
     ];

@@ -1,7 +1,7 @@
 //! What the commands do when all is well.
 
 use crate::tiny::{RANGE, SIZE, Tiny, call, read_json, window};
-use evaluate::{Method, reconstruct_window, render_view};
+use evaluate::{Method, Runner, render_view};
 use gs_raster::Rasterizer;
 use gs_scene::{read_ply, write_ply};
 use serde_json::Value;
@@ -68,8 +68,8 @@ fn a_written_and_read_scene_renders_as_before() {
         depth_range: DepthRange::Known { near: 2.0, far: 20.0 },
         ..Config::default()
     };
-    let method = Method::feed_forward(config);
-    let outcome = reconstruct_window(window(), &method, &mut Rasterizer::cpu(), &mut |_| {}).unwrap();
+    let runner = Runner::new(Method::feed_forward(config)).unwrap();
+    let outcome = runner.reconstruct(window(), &mut Rasterizer::cpu(), &mut |_| {}).unwrap();
     let scene = outcome.prediction.gaussians;
     let path = tiny.beside("scene.ply");
     write_ply(&path, &scene).unwrap();

@@ -114,8 +114,9 @@ fn numbers(sums: Sums, area: f32, step: Vec3) -> [f32; OF_PART] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::backbone::geometry;
     use crate::learned::{HeadInputs, geometry_features};
-    use crate::{Allocation, Backbone, Budget, Config, StageSeconds, Wanted, anchor, geometry};
+    use crate::{Allocation, Backbone, Budget, Config, Stages, Wanted, anchor};
     use glam::{DMat3, DVec3};
     use gs_scene::{Camera, DepthMap, View};
     use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
@@ -138,8 +139,8 @@ mod tests {
 
     fn allocated(views: &[View], allocation: Allocation, gaussians: usize) -> Anchored {
         let config = config(allocation, gaussians);
-        let (geometry, range) = geometry(views, &config, Wanted::Depth).unwrap();
-        anchor(views, &geometry, range.1, &config, &mut StageSeconds::default(), &mut |_| {}).unwrap()
+        let geometry = geometry(views, &config, None, Wanted::Depth).unwrap();
+        anchor(views, &geometry, &config, &mut Stages::new(&mut |_| {})).unwrap()
     }
 
     /// The views with other pictures.
@@ -232,12 +233,11 @@ mod tests {
     #[test]
     fn a_head_sees_it_after_all_else() {
         let config = config(Allocation::Entropy, 400);
-        let (geometry, range) = geometry(&COURTYARD, &config, Wanted::Depth).unwrap();
-        let seconds = &mut StageSeconds::default();
-        let anchored = anchor(&COURTYARD, &geometry, range.1, &config, seconds, &mut |_| {}).unwrap();
+        let geometry = geometry(&COURTYARD, &config, None, Wanted::Depth).unwrap();
+        let anchored = anchor(&COURTYARD, &geometry, &config, &mut Stages::new(&mut |_| {})).unwrap();
         assert!(anchored.feedback(false).unwrap().is_empty());
         let feedback = anchored.feedback(true).unwrap();
-        let [without, with] = [&[][..], &feedback].map(|feedback| anchored.inputs(&geometry, feedback));
+        let [without, with] = [&[][..], &feedback].map(|feedback| anchored.inputs(&geometry.views, feedback));
         assert_eq!(with.geometry.len(), with.n * geometry_features(true));
         let rows =
             without.geometry.chunks_exact(geometry_features(false)).zip(feedback.chunks_exact(FEEDBACK));

@@ -1,12 +1,11 @@
 //! Weights and the features they work with.
 
 use super::{HeadInputs, geometry_features, image_features};
-use crate::anchored::timed;
-use crate::{Anchored, Backbone, Config, Error, Result, StageSeconds};
+use crate::{Anchored, Backbone, Config, Error, Result, Stage, Stages};
 use attn_head::{Head, Weights};
 use depth_backbone::ViewGeometry;
 use gs_scene::Gaussians;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Where weights say which features they were trained on.
 pub const FEATURES: &str = "features";
@@ -59,30 +58,18 @@ impl LearnedHead {
         &self.name
     }
 
-    /// The head that the configuration asks for; none is the closed form.
-    pub(crate) fn chosen(config: &Config) -> Result<Option<Self>> {
-        match &config.head {
-            crate::Head::ClosedForm | crate::Head::DepthSplat => Ok(None),
-            crate::Head::Weights(path) => Self::read(path).map(Some),
-            crate::Head::Default => match config.backbone {
-                Backbone::PlaneSweep { .. } => {
-                    Self::new(Weights::from_bytes(PLANE_SWEEP)?, PLANE_SWEEP_NAME).map(Some)
-                }
-                Backbone::GivenDepth | Backbone::DepthSplat(_) => Ok(None),
-            },
-        }
-    }
-
     /// What the head makes of the anchors, far shell excluded; `geometry` is that of the views, with features.
-    /// The wall time goes into `seconds`.
     pub(crate) fn gaussians(
         &self,
         anchored: &Anchored,
         geometry: &[ViewGeometry],
-        seconds: &mut StageSeconds,
+        stages: &mut Stages<'_>,
     ) -> Result<Gaussians> {
-        let feedback = timed(&mut seconds.feedback, || anchored.feedback(self.feedback))?;
-        timed(&mut seconds.head, || {
+        let feedback = match self.feedback {
+            true => stages.run(Stage::Feedback, || anchored.feedback(true))?,
+            false => Vec::new(),
+        };
+        stages.run(Stage::Head, || {
             let outputs = self.outputs(&anchored.inputs(geometry, &feedback), geometry)?;
             Ok(anchored.decoder().decode(&outputs))
         })
@@ -104,6 +91,34 @@ impl LearnedHead {
             });
         }
         Ok(self.head.run(&inputs.as_inputs())?)
+    }
+}
+
+/// Where the weights of a head come from.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum HeadWeights {
+    /// This crate's, for the plane sweep's features.
+    PlaneSweep,
+    File(PathBuf),
+}
+
+impl HeadWeights {
+    /// Those that the configuration asks for; none for the closed form and for the backbone's own head.
+    pub(crate) fn chosen(config: &Config) -> Option<Self> {
+        match (&config.head, &config.backbone) {
+            (crate::Head::Weights(path), _) => Some(Self::File(path.clone())),
+            (crate::Head::Default, Backbone::PlaneSweep { .. }) => Some(Self::PlaneSweep),
+            (crate::Head::Default, Backbone::GivenDepth | Backbone::DepthSplat(_))
+            | (crate::Head::ClosedForm | crate::Head::DepthSplat, _) => None,
+        }
+    }
+
+    /// The head with them.
+    pub(crate) fn read(&self) -> Result<LearnedHead> {
+        match self {
+            Self::PlaneSweep => LearnedHead::new(Weights::from_bytes(PLANE_SWEEP)?, PLANE_SWEEP_NAME),
+            Self::File(path) => LearnedHead::read(path),
+        }
     }
 }
 

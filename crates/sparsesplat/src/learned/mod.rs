@@ -8,6 +8,7 @@ mod rotate_sh;
 mod support;
 
 pub use decode::{BOUNDS, BY_DIRECTION, Decoder};
+pub(crate) use head::HeadWeights;
 pub use head::{FEATURES, LearnedHead};
 pub use inputs::{HeadInputs, geometry_features, image_features};
 

@@ -1,7 +1,7 @@
-use crate::{COURTYARD, check_prediction, given_depth, photograph, plane_sweep, run};
+use crate::{COURTYARD, check_prediction, given_depth, photograph, plane_sweep, predict, run};
 use gs_scene::{Camera, DepthMap, Gaussians, LOG_SCALE, View};
 use scene_sim::{Traced, demo_scene, lens};
-use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Error, predict};
+use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Error};
 
 const ALL: [Allocation; 6] = [
     Allocation::Entropy,
@@ -15,7 +15,7 @@ const ALL: [Allocation; 6] = [
 const BY_COUNT: [Allocation; 3] = [Allocation::Entropy, Allocation::Merged, Allocation::VoxelAligned];
 
 fn check_error(views: &[View], config: &Config, expected: impl Fn(&Error) -> bool) {
-    match predict(views, config, &mut |_| {}) {
+    match predict(views, config) {
         Ok(prediction) => panic!("{:?}, expected an error", prediction.counts),
         Err(error) => assert!(expected(&error), "{error}"),
     }
@@ -106,7 +106,7 @@ fn pictures_of_one_colour_and_single_measured_pixels() {
         views.iter_mut().for_each(|view| view.image_mut().data_mut().fill(grey));
         for allocation in ALL {
             let config = Config { allocation, ..given_depth(400) };
-            match predict(&views, &config, &mut |_| {}) {
+            match predict(&views, &config) {
                 Ok(prediction) => check_prediction(&views, &prediction, &config),
                 Err(error) => assert!(is_sampling(&error), "{allocation:?}: {error}"),
             }

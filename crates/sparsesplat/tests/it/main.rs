@@ -17,7 +17,9 @@ mod quality;
 use gs_raster::{Rasterizer, RenderSettings};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, View, sigmoid};
 use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
-use sparsesplat::{Backbone, Budget, Config, DepthRange, Exposure, ExposureGain, Prediction, predict};
+use sparsesplat::{
+    Backbone, Budget, Config, DepthRange, Exposure, ExposureGain, Prediction, Predictor, Result, Stage,
+};
 use std::sync::LazyLock;
 
 const WIDTH: usize = 160;
@@ -46,8 +48,12 @@ fn plane_sweep(gaussians: usize) -> Config {
     Config { budget: Budget::Gaussians(gaussians), depth_range, ..Config::default() }
 }
 
+fn predict(views: &[View], config: &Config) -> Result<Prediction> {
+    Predictor::new(config.clone())?.predict(views, &mut |_| {})
+}
+
 fn run(views: &[View], config: &Config) -> Prediction {
-    let prediction = predict(views, config, &mut |_| {}).unwrap();
+    let prediction = predict(views, config).unwrap();
     check_prediction(views, &prediction, config);
     prediction
 }
@@ -65,7 +71,7 @@ fn check_prediction(views: &[View], prediction: &Prediction, config: &Config) {
     assert_eq!(prediction.gaussians.sh_degree(), if coloured_by_direction { 2 } else { 0 });
     check_gaussians(&prediction.gaussians, closed_form);
     let s = &prediction.seconds;
-    for seconds in [s.backbone, s.exposure, s.shell, s.sampling, s.backproject, s.knn, s.head, s.decode] {
+    for seconds in Stage::ALL.map(|stage| s[stage]) {
         assert!(seconds.is_finite() && seconds >= 0.0, "{s:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! Scenes as the pipeline makes them: the demo's photographs, reconstructed with several budgets.
 
 use crate::failure::{Failure, OrFail, Outcome};
-use evaluate::{Method, Step, reconstruct_window};
+use evaluate::{Method, Runner, Step};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, sh_coefficients};
 use scene_windows::Window;
@@ -45,9 +45,8 @@ pub(super) fn reconstruct(
         Count::Gaussians(n) => Config { budget: Budget::Gaussians(n), ..closed_form },
         Count::Pixels => Config { allocation: Allocation::PixelAligned, far_shell: false, ..closed_form },
     };
-    let method = Method::feed_forward(config);
-    let outcome =
-        reconstruct_window(window, &method, &mut Rasterizer::cpu(), on_step).map_err(Failure::sorted)?;
+    let runner = Runner::new(Method::feed_forward(config)).map_err(Failure::sorted)?;
+    let outcome = runner.reconstruct(window, &mut Rasterizer::cpu(), on_step).map_err(Failure::sorted)?;
     Ok(outcome.prediction.gaussians)
 }
 

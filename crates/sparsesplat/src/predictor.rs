@@ -1,0 +1,173 @@
+//! The pass: views to Gaussians, with weights that are read once.
+
+use crate::anchored::{Anchored, anchor};
+use crate::as_photographed::exposed_as;
+use crate::backbone::{self, Network};
+use crate::learned::{HeadWeights, LearnedHead};
+use crate::merge::merge;
+use crate::{
+    Allocation, Backbone, Budget, Config, Geometry, Head, NetworkDevice, Prediction, Result, Stage, Stages,
+    own_head,
+};
+use depth_backbone::{ViewGeometry, Wanted};
+use gs_scene::View;
+use std::sync::Arc;
+
+/// A configuration that was checked, with its weights in memory.
+///
+/// One of them serves any number of scenes, from several threads too. Another configuration on the same weights is
+/// [`with_config`](Self::with_config).
+#[derive(Debug, Clone)]
+pub struct Predictor {
+    config: Config,
+    device: NetworkDevice,
+    /// The network of the backbone, or the one that was read last.
+    network: Option<Network>,
+    /// None is the closed form, or the backbone's own head.
+    head: Option<(HeadWeights, Arc<LearnedHead>)>,
+}
+
+impl Predictor {
+    /// Checks the configuration and reads its weights; networks run on the CPU.
+    ///
+    /// # Errors
+    /// If settings contradict each other, or weights cannot be read.
+    pub fn new(config: Config) -> Result<Self> {
+        Self::on(config, NetworkDevice::Cpu)
+    }
+
+    /// The same, with networks on `device`.
+    ///
+    /// # Errors
+    /// As [`Predictor::new`], or if there is no such device.
+    pub fn on(config: Config, device: NetworkDevice) -> Result<Self> {
+        Self { config: Config::default(), device, network: None, head: None }.with_config(config)
+    }
+
+    /// Another configuration; weights that this one has read are not read again.
+    ///
+    /// # Errors
+    /// As [`Predictor::new`].
+    pub fn with_config(&self, config: Config) -> Result<Self> {
+        config.check()?;
+        let network = match &config.backbone {
+            Backbone::DepthSplat(weights) => match &self.network {
+                Some(network) if network.is_of(weights) => Some(network.clone()),
+                _ => Some(Network::read(weights, self.device)?),
+            },
+            // Kept for a configuration that wants it again.
+            Backbone::GivenDepth | Backbone::PlaneSweep { .. } => self.network.clone(),
+        };
+        let head = match (HeadWeights::chosen(&config), &self.head) {
+            (None, _) => None,
+            (Some(weights), Some((read, head))) if weights == *read => Some((weights, Arc::clone(head))),
+            (Some(weights), _) => {
+                let head = Arc::new(weights.read()?);
+                Some((weights, head))
+            }
+        };
+        Ok(Self { config, device: self.device, network, head })
+    }
+
+    /// The configuration.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What the head needs of the backbone.
+    #[must_use]
+    pub fn wanted(&self) -> Wanted {
+        match (&self.config.head, &self.head) {
+            (Head::DepthSplat, _) => Wanted::DepthAndGaussians,
+            (_, Some(_)) => Wanted::DepthAndFeatures,
+            (_, None) => Wanted::Depth,
+        }
+    }
+
+    /// What tells results of this backbone from those of another: its name, and which weights it has, whatever their file is called.
+    #[must_use]
+    pub fn backbone_identity(&self) -> String {
+        backbone::identity(&self.config.backbone, self.network.as_ref())
+    }
+
+    /// The backbone alone: depth of all views, and what else the head needs.
+    ///
+    /// # Errors
+    /// If the views do not suffice for the backbone.
+    pub fn geometry(&self, views: &[View]) -> Result<Geometry> {
+        self.geometry_with(views, self.wanted())
+    }
+
+    /// The backbone alone, with more or less than the head needs.
+    ///
+    /// # Errors
+    /// As [`Predictor::geometry`].
+    pub fn geometry_with(&self, views: &[View], wanted: Wanted) -> Result<Geometry> {
+        backbone::geometry(views, &self.config, self.network.as_ref(), wanted)
+    }
+
+    /// The pass: views to Gaussians. `on_stage` is called as each stage begins (for progress bars).
+    ///
+    /// # Errors
+    /// If the views do not suffice (see [`crate::Error`]).
+    pub fn predict(&self, views: &[View], on_stage: &mut dyn FnMut(Stage)) -> Result<Prediction> {
+        let mut stages = Stages::new(on_stage);
+        let mut geometry = stages.run(Stage::Backbone, || self.geometry(views))?;
+        let mut prediction = self.finish(views, &geometry, stages)?;
+        // They are large, and nobody needs them any more.
+        geometry.views.iter_mut().for_each(|view| (view.features, view.gaussians) = (None, None));
+        prediction.geometry = geometry.views;
+        Ok(prediction)
+    }
+
+    /// The pass from a known [`geometry`](Self::geometry) on, for configurations that differ in what comes after the backbone; its stage
+    /// took 0 s. `geometry` must hold what is [`wanted`](Self::wanted).
+    ///
+    /// # Errors
+    /// As [`Predictor::predict`].
+    pub fn predict_from(
+        &self,
+        views: &[View],
+        geometry: &Geometry,
+        on_stage: &mut dyn FnMut(Stage),
+    ) -> Result<Prediction> {
+        let mut prediction = self.finish(views, geometry, Stages::new(on_stage))?;
+        let plain = |view: &ViewGeometry| ViewGeometry {
+            depth: view.depth.clone(),
+            confidence: view.confidence.clone(),
+            features: None,
+            gaussians: None,
+        };
+        prediction.geometry = geometry.views.iter().map(plain).collect();
+        Ok(prediction)
+    }
+
+    /// All stages after the backbone; the prediction's geometry is left empty.
+    fn finish(&self, views: &[View], geometry: &Geometry, mut stages: Stages<'_>) -> Result<Prediction> {
+        let config = &self.config;
+        if config.head == Head::DepthSplat {
+            return own_head::finish(views, geometry, config, stages);
+        }
+        let anchored = anchor(views, geometry, config, &mut stages)?;
+        let head = self.head.as_ref().map(|(_, head)| head);
+        let made = head.map(|head| head.gaussians(&anchored, &geometry.views, &mut stages)).transpose()?;
+        let Anchored { base, shell, mut counts, tau, exposure, spacing, .. } = anchored;
+        let gaussians = stages.run(Stage::Decode, || {
+            let mut gaussians = made.unwrap_or(base);
+            if let (Allocation::Merged, Budget::Gaussians(total)) = (config.allocation, config.budget) {
+                let merged = merge(gaussians, &spacing, total - shell.len())?;
+                counts = counts.without(&merged.absorbed);
+                gaussians = merged.gaussians;
+            }
+            gaussians.append(&shell.with_sh_degree(gaussians.sh_degree())?);
+            exposed_as(config.exposure, gaussians, views, &exposure)
+        })?;
+        let head = head.map_or(CLOSED_FORM, |head| head.name()).to_owned();
+        let (depth_range, seconds) = (geometry.depth_range, stages.seconds());
+        Ok(Prediction { gaussians, head, counts, tau, geometry: Vec::new(), exposure, depth_range, seconds })
+    }
+}
+
+/// The closed-form head, as reports call it.
+const CLOSED_FORM: &str = "closed-form";
