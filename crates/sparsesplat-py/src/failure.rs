@@ -80,7 +80,14 @@ macro_rules! of_the_input {
     )*};
 }
 
-of_the_input!(entropy_sampler::Error, gs_scene::Error, image_metrics::Error, knn::Error, view_data::Error);
+of_the_input!(
+    entropy_sampler::Error,
+    gs_scene::Error,
+    image_metrics::Error,
+    knn::Error,
+    splat_formats::Error,
+    view_data::Error
+);
 
 /// `map_err` into Python.
 pub(crate) trait OrRaise<T> {

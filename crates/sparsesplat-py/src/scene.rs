@@ -7,11 +7,13 @@ use crate::failure::OrRaise;
 use crate::rasterize::{Arrays, Pictures, Request, store};
 use crate::reconstruct::Report;
 use gs_raster::near_plane;
-use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, read_ply, sh_coefficients, write_ply};
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
 use numpy::PyUntypedArrayMethods;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use splat_formats::{read_scene, write_scene};
+use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -145,13 +147,12 @@ impl Scene {
         request.pictures(py, drawn.or_raise()?)
     }
 
-    /// Writes the scene as PLY in the layout of 3D Gaussian splatting. The file appears whole or not at all.
-    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        if path.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("ply")) {
-            return Err(PyValueError::new_err(format!("{}: scenes are written as .ply", path.display())));
-        }
+    /// Writes the scene in the format that the extension says: .ply, .compressed.ply, .spz, .splat or .glb. The file appears whole or not
+    /// at all. Returns what the format does not keep, in words; of a PLY nothing.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<Vec<String>> {
         let gaussians = &*self.gaussians;
-        py.detach(move || write_ply(&path, gaussians)).or_raise()
+        let losses = py.detach(move || write_scene(&path, gaussians)).or_raise()?;
+        Ok(losses.iter().map(ToString::to_string).collect())
     }
 
     fn __len__(&self) -> usize {
@@ -163,10 +164,17 @@ impl Scene {
     }
 }
 
-/// Reads a scene from a PLY file in the layout of 3D Gaussian splatting.
+/// Reads a scene from a PLY file in the layout of 3D Gaussian splatting, or from any other file that [`Scene::save`] writes; the format is
+/// recognised by its first bytes. What is in the file and not read is a `UserWarning`.
 #[pyfunction]
 pub(crate) fn load_ply(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
-    Ok(Scene::new(py.detach(move || read_ply(&path)).or_raise()?, None))
+    let file = path.clone();
+    let read = py.detach(move || read_scene(&file)).or_raise()?;
+    for remark in &read.remarks {
+        let text = CString::new(format!("{}: {remark}", path.display()))?;
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)?;
+    }
+    Ok(Scene::new(read.gaussians, None))
 }
 
 /// Standard deviations `[N, 3]` and opacities `[N]` of stored Gaussians.

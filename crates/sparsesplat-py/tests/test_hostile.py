@@ -167,11 +167,18 @@ def test_files(tmp_path):
     with pytest.raises(ValueError, match="bad.ply: not a PLY file"):
         ss.load_ply(str(tmp_path / "bad.ply"))
     scene_ = ss.Scene(**scene(5))
-    with pytest.raises(ValueError, match="written as .ply"):
-        scene_.save(tmp_path / "scene.splat")
+    with pytest.raises(ValueError, match="scene.obj"):
+        scene_.save(tmp_path / "scene.obj")
     with pytest.raises(OSError, match="bad.ply"):
         scene_.save(tmp_path / "bad.ply" / "scene.ply")
-    scene_.save(tmp_path / "scene.ply")
+    assert scene_.save(tmp_path / "scene.ply") == []
+    for name in ("scene.spz", "scene.splat", "scene.glb", "scene.compressed.ply"):
+        lost = scene_.save(tmp_path / name)
+        found = ss.load_ply(tmp_path / name)
+        assert (lost == []) == (name == "scene.glb") and len(found) == 5, (name, lost)
+    (tmp_path / "cut.spz").write_bytes((tmp_path / "scene.spz").read_bytes()[:-20])
+    with pytest.raises((ValueError, OSError), match="cut.spz"):
+        ss.load_ply(tmp_path / "cut.spz")
     again = ss.load_ply(tmp_path / "scene.ply")
     assert (again.geometry == scene_.geometry).all() and (again.sh == scene_.sh).all()
     stored = ss.Scene.from_stored(again.geometry, again.sh)
