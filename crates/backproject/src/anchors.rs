@@ -271,7 +271,7 @@ impl<'a> Source<'a> {
         let places = &mut buffer[..pixels.len()];
         split(pixels, self.view.camera.width(), places);
         let lifted = Lifted { positions, rays, footprints };
-        compiled_for(isa, || lift(&self.lift, places, depths, lifted));
+        compiled_for!(isa, lift(&self.lift, places, depths, lifted));
         if let Some(surface) = &self.surface {
             surface.normals(isa, places, normals);
         }

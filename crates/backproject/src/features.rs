@@ -73,7 +73,7 @@ impl<'a> LookUp<'a> {
         }
         let rest = channels - channels % TOGETHER;
         for channel in (0..rest).step_by(TOGETHER) {
-            compiled_for(isa, || blend::<TOGETHER>(self.map, channel, taps, out));
+            compiled_for!(isa, blend::<TOGETHER>(self.map, channel, taps, out));
         }
         for channel in rest..channels {
             blend::<1>(self.map, channel, taps, out);

@@ -105,7 +105,7 @@ impl<'a> Surface<'a> {
 
     /// Normals at `places`, as [`normals`].
     pub(crate) fn normals(&self, isa: Isa, places: &[Place], out: &mut [[f32; 3]]) {
-        compiled_for(isa, || normals_of(self, places, out));
+        compiled_for!(isa, normals_of(self, places, out));
     }
 
     /// `N` depths of row `y` from column `x` on; 0, no depth, outside the picture, where both may have wrapped to.

@@ -35,13 +35,30 @@ pub fn dispatch<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
     }
 }
 
-/// Runs `work` compiled for an instruction set, whose vectors the compiler finds by itself. For loops in which little time is
-/// spent, or which it turns into good code for AVX2: wider sets are not used, because what it does with them is not known.
+/// `compiled_for!(isa, work)` is the value of the expression `work`, compiled for an instruction set whose vectors the compiler finds by
+/// itself. For loops in which little time is spent, or which it turns into good code for AVX2: wider sets are not used, because what it does
+/// with them is not known.
+///
+/// A closure is compiled for a set only where it is inlined, so this is a macro, which sees to that. Functions that `work` calls must be
+/// `#[inline(always)]` for the same reason.
 ///
 /// # Panics
 /// If the processor lacks the set.
+#[macro_export]
+macro_rules! compiled_for {
+    ($isa:expr, $work:expr $(,)?) => {
+        $crate::inlined_for(
+            $isa,
+            #[inline(always)]
+            || $work,
+        )
+    };
+}
+
+/// What [`compiled_for`] does with its closure, which must be `#[inline(always)]`.
+#[doc(hidden)]
 #[inline]
-pub fn compiled_for<R>(isa: Isa, work: impl FnOnce() -> R) -> R {
+pub fn inlined_for<R>(isa: Isa, work: impl FnOnce() -> R) -> R {
     struct Work<F>(F);
 
     impl<R, F: FnOnce() -> R> WithSimd for Work<F> {

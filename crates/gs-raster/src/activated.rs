@@ -161,7 +161,7 @@ impl<'a> Activated<'a> {
         let mut is_good = true;
         for (block, (geometry, sh)) in blocks.enumerate() {
             let part = self.part(first + block * BLOCK, geometry.len() / ROW);
-            compiled_for(isa, || {
+            compiled_for!(isa, {
                 is_good &= part.is_good();
                 part.store_geometry(geometry);
                 part.store_sh(sh);
@@ -347,7 +347,7 @@ impl Gradients {
             .zip(stored.geometry().par_chunks(CHUNK * ROW))
             .zip(self.geometry.par_chunks(CHUNK * ROW))
             .for_each(|(((((means, quats), scales), opacities), stored), gradients)| {
-                compiled_for(isa, || {
+                compiled_for!(isa, {
                     let rows = stored.chunks(BLOCK * ROW).zip(gradients.chunks(BLOCK * ROW));
                     let found = means
                         .chunks_mut(BLOCK * 3)

@@ -89,7 +89,7 @@ pub(super) fn render(
         .enumerate()
         .for_each(|(row, ((image, depth), band))| {
             let size = [width, depth.len() / width];
-            let seen = compiled_for(isa, || nearest(&band, &view, row * TILE, size));
+            let seen = compiled_for!(isa, nearest(&band, &view, row * TILE, size));
             shade(&seen, &view, row * TILE, width, image, depth);
         });
     let alpha = depth.iter().map(|&depth| if depth > 0.0 { 1.0 } else { 0.0 }).collect();

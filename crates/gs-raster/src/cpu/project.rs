@@ -237,7 +237,7 @@ fn project_chunk<const DEGREE: usize, const FMA: bool>(
     source: Source<'_>,
     gaussians: Range<usize>,
 ) {
-    compiled_for(isa, || project_blocks::<DEGREE, FMA>(isa, chunk, view, frame, source, gaussians));
+    compiled_for!(isa, project_blocks::<DEGREE, FMA>(isa, chunk, view, frame, source, gaussians));
 }
 
 /// Projects the Gaussians of a chunk block by block. Each step is a function of its own for the compiler, as their loops
@@ -272,14 +272,14 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
             }
             Source::Activated(activated) => {
                 let part = activated.part(start, n);
-                compiled_for(isa, || {
+                compiled_for!(isa, {
                     chunk.is_faulty |= !part.is_good();
                     stored.store(&part);
                 });
                 part.sh(&mut room)
             }
         };
-        compiled_for(isa, || first_look(&mut outcomes, view, &stored));
+        compiled_for!(isa, first_look(&mut outcomes, view, &stored));
         let mut kept = 0;
         for (gaussian, &outcome) in outcomes[..n].iter().enumerate() {
             chunk.rejected += usize::from(outcome == REJECTED);
@@ -297,8 +297,8 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
         // Once there are too many pairs they only are counted.
         let before = chunk.intersections;
         let keep = frame.intersections.load(Ordering::Relaxed) <= INTERSECTIONS_MAX;
-        compiled_for(isa, || find_shapes(&mut shapes, view, &stored));
-        compiled_for(isa, || {
+        compiled_for!(isa, find_shapes(&mut shapes, view, &stored));
+        compiled_for!(isa, {
             find_colours::<DEGREE, FMA>(&mut colours, &shapes.direction, &numbers[..kept], sh);
         });
         for (place, gaussian) in numbers[..kept].iter().enumerate() {

@@ -80,7 +80,7 @@ fn compiled<const DEGREE: usize>(
     view: &View,
     summed: &Summed,
 ) -> PoseGradient {
-    compiled_for(isa, || chunk_backward::<DEGREE>(chunk, view, summed))
+    compiled_for!(isa, chunk_backward::<DEGREE>(chunk, view, summed))
 }
 
 #[inline(always)]
