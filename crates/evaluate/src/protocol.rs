@@ -8,10 +8,11 @@ use scene_windows::{Dropped, Plan, Window, sha256_of};
 use serde::Serialize;
 
 /// What all tables have in common, in words.
-pub const PROTOCOL: &str = "Whole image, no border trimmed, black background, renders clipped to 0..1 and compared as floats \
-with the 8-bit targets, nothing fitted to a target; PSNR per target, mean over targets, then windows, then scenes; SSIM as \
-scikit-image's structural_similarity with 11 Gaussian taps, sigma 1.5; nearest view: the context photograph whose camera is \
-closest, shown as it is.";
+pub const PROTOCOL: &str = "\
+The whole image counts, without trimming a border, on a black background. Renderings are clipped to 0..1 and compared as floats with \
+the 8-bit targets. Nothing is fitted to a target. PSNR is computed per target, then averaged over targets, windows and scenes. SSIM \
+is scikit-image's structural_similarity with 11 Gaussian taps and sigma 1.5. The nearest view is the context photograph whose camera \
+is closest, shown unchanged.";
 
 /// What happens during an evaluation.
 #[derive(Debug)]

@@ -96,7 +96,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     if let Some(path) = &arguments.markdown {
         let mut text = format!(
-            "# The paper's tables, ours beside\n\n```sh\n{}\n```\n\nMachine: {}.\n\n{} {}\n",
+            "# The paper's tables with our figures beside them\n\n```sh\n{}\n```\n\nMachine: {}.\n\n{} {}\n",
             swept.command(),
             swept.machine(),
             summary.protocol,

@@ -19,11 +19,11 @@ pub(crate) struct Source {
     /// Context and target views of each window [default: evaluation_index.json in the folder of each scene, if there is one]
     #[arg(long, value_name = "FILE", requires = "root")]
     index: Option<PathBuf>,
-    /// Context views; evaluation_index.json in the folder of a scene then is not used
-    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6)]
+    /// Number of context views; if given, evaluation_index.json in the folder of a scene is not used
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6, conflicts_with = "index")]
     views: usize,
-    /// So many windows along the path of each scene; evaluation_index.json in its folder then is not used [default: 3 for videos, else
-    /// one of views chosen by their overlap]
+    /// Number of windows along the path of each scene; if given, evaluation_index.json in its folder is not used [default: 3 for layouts of
+    /// videos, else one window of views chosen by their overlap]
     #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "index")]
     windows: Option<usize>,
     /// Scale and crop photographs to this size [default: their size on disk]

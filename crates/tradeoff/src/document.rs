@@ -56,7 +56,7 @@ fn too_many(summary: &Summary) -> Option<String> {
     let above = best.psnr_held_out - aligned.psnr_held_out;
     (above > CLEARLY).then(|| {
         format!(
-            "{curve} is best at {} Gaussians, {} dB above one per pixel: more than that cost quality here.",
+            "{curve} is best at {} Gaussians, {} dB above one per pixel; more Gaussians than that cost quality here.",
             count(best.gaussians),
             decibel(above)
         )
@@ -65,7 +65,7 @@ fn too_many(summary: &Summary) -> Option<String> {
 
 fn costs(knee: &Knee) -> String {
     format!(
-        "Along the budget {} costs {} dB against the best ({})",
+        "At the knee of the budget {} costs {} dB against the best ({})",
         knee.point,
         decibel(knee.decibels),
         knee.best
@@ -85,12 +85,12 @@ fn with_spread(value: f64, digits: usize, spread: Option<f64>) -> String {
 
 /// How the shares are to be read.
 pub(super) const SHARES: &str = "\
-Between measured counts PSNR is taken to be straight over the logarithm of the count; each curve is compared with one Gaussian per pixel \
-by the same head. The paper's 22 % are 150k of 688k Gaussians, 24.20 against 24.17 dB, on DL3DV, and compare two networks: DepthSplat, \
-trained for one Gaussian per pixel, and a head trained with entropy sampling. Here both ends of a curve have one backbone and one head. A \
-learned head that was trained on few pixels is not at its best with one anchor per pixel; the closed form was trained for neither. Where \
-random pixels reach the pixel-aligned PSNR as well, the share says how redundant one Gaussian per pixel is; what the choice of pixels is \
-worth is the distance between curves at one count.";
+Between measured counts PSNR is interpolated linearly over the logarithm of the count. Each curve is compared with one Gaussian per \
+pixel by the same head. The paper's 22 % are 150k of 688k Gaussians (24.20 against 24.17 dB on DL3DV). They compare two networks: \
+DepthSplat, trained for one Gaussian per pixel, and a head trained with entropy sampling. Here both ends of a curve have the same \
+backbone and the same head. A learned head that was trained on few pixels is not at its best with one anchor per pixel; the closed \
+form was trained for neither. If random pixels also reach the pixel-aligned PSNR, the share tells how redundant one Gaussian per \
+pixel is. The gain from choosing pixels is the distance between the curves at equal count.";
 
 /// A row per point: what it costs and what it gives.
 #[must_use]
@@ -229,7 +229,7 @@ pub fn stated(summary: &Summary) -> Vec<String> {
     let dropped = |dropped: &Dropped| format!("{}: {}", dropped.name, dropped.reason.replace('\n', " "));
     let dropped: Vec<String> = summary.dropped.iter().map(dropped).collect();
     vec![
-        format!("Figures are of the held-out views alone. Windows: {}.", windows.join("; ")),
+        format!("All figures are for the held-out views. Windows: {}.", windows.join("; ")),
         format!("Seeds of the sampling: {}.", seeds_in_words(summary)),
         match dropped.as_slice() {
             [] => "Nothing was dropped.".to_owned(),
@@ -260,7 +260,7 @@ pub fn to_markdown(summary: &Summary, machine: &str, command: &str, plots: &[(&s
     let scenes = windows_in_words(summary);
     let _ = writeln!(
         text,
-        "One method, varied along one axis at a time, on {scenes}. Written by\n\n```sh\n{command}\n```\n"
+        "One method is varied along one axis at a time, on {scenes}. This command wrote the page:\n\n```sh\n{command}\n```\n"
     );
     let _ = writeln!(text, "Machine: {machine}.\n\n{} {}\n", summary.protocol, summary.measured_as);
     let _ = writeln!(text, "{}\n", stated(summary).join(" "));
@@ -273,8 +273,8 @@ pub fn to_markdown(summary: &Summary, machine: &str, command: &str, plots: &[(&s
     }
     let _ = writeln!(
         text,
-        "\nRinged points are on the front: no rival has more quality at no more cost. A point's name says what differs from the base, \
-         which is {}. Points that see measured depth, and those that differ in rendering alone, are no rivals.\n",
+        "\nRinged points are on the Pareto front: no other point has more quality at the same cost or less. The name of a point says what \
+         differs from the base, which is {}. Points with measured depth, and points that differ only in rendering, are left out of the front.\n",
         summary.points.iter().find(|row| row.label.base).map_or("none", |row| &row.label.point)
     );
     if !summary.shares.is_empty() {
@@ -287,7 +287,7 @@ pub fn to_markdown(summary: &Summary, machine: &str, command: &str, plots: &[(&s
     let comparisons = PaperTable::ALL.map(|table| Comparison::new(table, summary));
     let shown: Vec<&Comparison> = comparisons.iter().filter(|comparison| comparison.has_ours()).collect();
     if !shown.is_empty() {
-        text.push_str("## The paper's tables, ours beside\n\n");
+        text.push_str("## The paper's tables with our figures beside them\n\n");
         for comparison in shown {
             let table = comparison.to_table().to_markdown();
             let _ = writeln!(text, "### {}\n\n{table}", comparison.table.title());

@@ -16,13 +16,14 @@ use std::path::Path;
 use std::time::Instant;
 
 /// How the figures are taken, in words.
-pub const MEASURED_AS: &str = "Seconds are wall time from the first photograph read to the written scene; rendering is apart. The \
-backbone runs once per window and size of its photographs, and every point counts that time; all other stages run anew for each point \
-and seed. Seconds by stage are those of the seed whose pass took the median time, then means over windows and scenes. Frames per second: the median over the held-out \
-views of the time of one picture, its copy into memory included, after one that is not timed. Memory: the most that the process held \
-(resident) while the point ran or the backbone before it, photographs, kept depth and earlier allocations included; memory of a GPU is \
-not in it. File: the PLY as it lies on disk, 32 bits per number. What no seed changes (one Gaussian per pixel, merged, voxels) is \
-measured with one.";
+pub const MEASURED_AS: &str = "\
+Seconds are wall time from reading the first photograph to the written scene, without rendering. The backbone runs once per window \
+and image size, and every point counts its time. All other stages run again for each point and seed. Seconds by stage are those of \
+the seed with the median time, averaged over windows and scenes. Frames per second: the median over the held-out views of the time \
+to render one picture and copy it to memory, after one untimed picture. Memory: the largest resident memory of the process while the \
+point or its backbone ran, including photographs, cached depth and earlier allocations, without the memory of a GPU. File: the size \
+of the PLY file, 32 bits per number. Points that do not depend on the seed (one Gaussian per pixel, merged, voxels) are measured \
+with one seed.";
 
 /// The views of a window, as tables state them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -54,8 +54,8 @@ pub fn tradeoff_page(
             writeln!(body, "<section><h2>{}</h2>\n<div class=\"plot\">{svg}</div></section>", escape(title));
     }
     body.push_str(
-        "<p class=\"soft\">Ringed points are on the front: no rival has more quality at no more cost. Points that see measured depth, \
-         and those that differ in rendering alone, are no rivals.</p>\n",
+        "<p class=\"soft\">Ringed points are on the Pareto front: no other point has more quality at the same cost or less. Points with \
+         measured depth, and points that differ only in rendering, are left out of the front.</p>\n",
     );
     let mut shown = 0;
     for position in pictures.windows() {

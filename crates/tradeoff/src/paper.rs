@@ -202,9 +202,7 @@ impl PaperTable {
         let lpips = match lpips_network {
             Some("vgg") => "LPIPS by VGG16, as the paper's.".to_owned(),
             Some(network) => {
-                format!(
-                    "Our LPIPS is by {network}, the paper's by VGG16: no figure of one compares with the other."
-                )
+                format!("Our LPIPS is by {network}, the paper's by VGG16; the two are not comparable.")
             }
             None => "Our LPIPS was not measured: no weights were given.".to_owned(),
         };
@@ -212,27 +210,27 @@ impl PaperTable {
         match self {
             Self::Main => vec![
                 text(
-                    "The paper's figures are of DL3DV's 140 test scenes at 256x448, each system with its own training, on a GPU; ours \
-                     are of the data that is stated, one backbone and one head for all rows: only the allocation differs.",
+                    "The paper's figures are for DL3DV's 140 test scenes at 256x448, with each system's own training, on a GPU. Ours are \
+                     for the stated data, with one backbone and one head for all rows: only the allocation differs.",
                 ),
                 lpips,
             ],
             Self::Replica => {
                 vec![
-                    text("The paper's figures are of 28 scenes of Replica; ours of the data that is stated."),
+                    text("The paper's figures are for 28 scenes of Replica, ours for the stated data."),
                     lpips,
                 ]
             }
             Self::Runtime => vec![text(
-                "Other: loading, exposure, far shell, back-projection, decoding, writing, which the paper does not list; between: wall \
-                 time that is in no stage. The paper's times are of a GPU.",
+                "Other: loading, exposure, far shell, back-projection, feedback, decoding and writing, which the paper does not list. Between: \
+                 wall time outside of all stages. The paper's times are for a GPU.",
             )],
             Self::Frames => vec![text(
-                "The paper gives 71.9 and 208.6 frames per second, and more than 600 from 10k to 40k, on a GPU; ours are of the device that is stated.",
+                "The paper gives 71.9 and 208.6 frames per second, and more than 600 from 10k to 40k, on a GPU. Ours are for the stated device.",
             )],
             Self::Primitives => vec![text(
-                "The paper's figures are of whole sequences, from CaRtGS; its own and ours are of one window, which a mapping system adds \
-                 per keyframe window.",
+                "The figures of mapping systems are for whole sequences, as the paper takes them from CaRtGS. The paper's own figures and ours are for \
+                 one window, which a mapping system adds per keyframe window.",
             )],
         }
     }

@@ -53,6 +53,11 @@ fn settings_that_others_leave_without_an_effect_are_refused() {
     }
     let replica = ["simulate", "--seed", "1", "--format", "replica", "--pictures", "png", "-o"];
     refused(&[&replica[..], &[scene.to_str().unwrap()]].concat(), &["--pictures", "JPEG"]);
+    let index = tiny.path("evaluation_index.json");
+    let indexed = ["eval", "--dataset", "nerfstudio", "--root", root.to_str().unwrap(), "--index"];
+    for name in ["--views", "--windows"] {
+        refused(&[&indexed[..], &[index.to_str().unwrap(), name, "2"]].concat(), &[name, "--index"]);
+    }
 }
 
 #[test]
