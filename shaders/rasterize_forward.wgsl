@@ -1,5 +1,5 @@
 // rasterize_forward: near-to-far compositing. rasterize_forward_train also says where each pixel ended.
-// One workgroup: one tile, one invocation ROWS pixels below each other. Dispatch: tiles.x × tiles.y.
+// One workgroup: one tile, one invocation ROWS pixels, one below the other. Dispatch: tiles.x × tiles.y.
 // Bindings:
 //   0 frame        uniform      Frame
 //   1 splats       read         [n] Splat

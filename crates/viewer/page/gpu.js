@@ -56,14 +56,14 @@ class Renderer {
   }
 
   // Chooses the views for scenes of this degree: of the `degrees` that the table has views for the next higher one.
-  serve(degree, degrees) {
+  chooseViews(degree, degrees) {
     this.degree = degrees.find(one => one >= degree);
   }
 
   // Takes over the Gaussians of a scene: rows of geometry and of SH coefficients. Coefficients beyond those of the scene are 0.
   load(scene, degrees) {
     this.n = scene.n;
-    this.serve(scene.degree, degrees);
+    this.chooseViews(scene.degree, degrees);
     const rows = { geometry: scene.geometry, sh: padded(scene, this.degree) };
     for (const [name, data] of Object.entries(rows)) {
       this.device.queue.writeBuffer(this.room(name, Math.max(data.byteLength, this.row('colour', name))), 0, data);

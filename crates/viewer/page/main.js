@@ -309,7 +309,7 @@ async function start() {
   renderer.device.lost.then(({ reason, message }) => { if (reason !== 'destroyed') fallBack(`The graphics device was lost: ${message}`); });
   renderer.device.addEventListener('uncapturederror', ({ error }) => say(error.message));
   // Pipelines are compiled in another process while the scene is unpacked here. What goes wrong is told by the first frame.
-  renderer.serve(data.scene.degree, data.degrees);
+  renderer.chooseViews(data.scene.degree, data.degrees);
   renderer.compile('colour').catch(() => {});
   setScene(unpacked(data.scene, await packedBytes($('scene'))));
   if (data.shots.length === 0) data.shots = [overview(scene)];
