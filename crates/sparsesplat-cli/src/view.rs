@@ -222,7 +222,11 @@ fn evenly(all: usize, n: usize) -> impl Iterator<Item = usize> {
 /// A size whose sides are at most [`SIDE`].
 fn within(width: usize, height: usize) -> (usize, usize) {
     let (most, long) = (SIDE as usize, width.max(height));
-    if long <= most { (width, height) } else { ((width * most).div_ceil(long), (height * most).div_ceil(long)) }
+    if long <= most {
+        (width, height)
+    } else {
+        ((width * most).div_ceil(long), (height * most).div_ceil(long))
+    }
 }
 
 fn jpeg(image: &Image) -> Outcome<Vec<u8>> {

@@ -121,7 +121,11 @@ impl Engine for Colmap {
         let (path, model) = best.ok_or_else(|| nothing("no model was found".to_owned()))?;
         let refined = task.work.join("refined");
         file("make the folder")(&refined, std::fs::create_dir_all(&refined))?;
-        let model = if model.frames.len() < ENOUGH_FOR_CENTRE { model } else { centred(task, path, &refined, model)? };
+        let model = if model.frames.len() < ENOUGH_FOR_CENTRE {
+            model
+        } else {
+            centred(task, path, &refined, model)?
+        };
         solution(task, &model, found.len())
     }
 }

@@ -268,7 +268,16 @@ mod tests {
 
     fn page<'a>(title: &'a str, gaussians: &'a Gaussians) -> Page<'a> {
         let (settings, near) = (RenderSettings::default(), Near::default());
-        Page { title, gaussians, shots: &[], start: 0, stills: &[], settings, near, precision: Precision::Full }
+        Page {
+            title,
+            gaussians,
+            shots: &[],
+            start: 0,
+            stills: &[],
+            settings,
+            near,
+            precision: Precision::Full,
+        }
     }
 
     #[test]

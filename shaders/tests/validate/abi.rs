@@ -2,8 +2,8 @@
 
 use crate::gate::parse;
 use gs_shaders::{
-    AMBIENT, BIN, CULLED, Frame, ITEMS, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PASSES, POSE_SUMS, PROJECT,
-    PROJECT_BACKWARD, Pass, RASTERIZE_ELLIPSOIDS, REACH_SLACK, REJECTED, SCAN, SIGMA_MAX, SORT,
+    AMBIENT, BIN, CULLED, Frame, ITEMS, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PASSES, POSE_SUMS,
+    PROJECT, PROJECT_BACKWARD, Pass, RASTERIZE_ELLIPSOIDS, REACH_SLACK, REJECTED, SCAN, SIGMA_MAX, SORT,
     SORT_DIGIT_BITS, Scan, Sort, Splat, Surface, VISIBLE, WORKGROUP,
 };
 use naga::{Expression, Literal, TypeInner};
@@ -108,7 +108,13 @@ fn whole_numbers_are_the_same() {
         assert_eq!(constant(pass, name), Literal::U32(expected), "{name} of {}", pass.name);
     }
     // `sort` counts the keys of an invocation in 4 bits, and those of as many invocations as there are digits in 8.
-    const { assert!(ITEMS < 1 << 4 && ITEMS << SORT_DIGIT_BITS < 1 << 8 && WORKGROUP.is_multiple_of(1 << SORT_DIGIT_BITS)) };
+    const {
+        assert!(
+            ITEMS < 1 << 4
+                && ITEMS << SORT_DIGIT_BITS < 1 << 8
+                && WORKGROUP.is_multiple_of(1 << SORT_DIGIT_BITS)
+        )
+    };
     assert!([VISIBLE, REJECTED, N_PAIRS].iter().all(|&slot| (slot as usize) < N_COUNTERS));
 }
 

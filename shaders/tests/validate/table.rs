@@ -2,7 +2,8 @@
 
 use crate::gate::parse;
 use gs_shaders::{
-    Access, Action, Argument, Counts, Drawing, Features, Frame, Groups, ITEMS, PASSES, Source, Table, View, WORKGROUP, Word,
+    Access, Action, Argument, Counts, Drawing, Features, Frame, Groups, ITEMS, PASSES, Source, Table, View,
+    WORKGROUP, Word,
 };
 
 const DRAWINGS: [Drawing; 3] = [Drawing::Blended, Drawing::Recorded, Drawing::Ellipsoids];

@@ -8,9 +8,7 @@ use glam::{DMat3, DVec3};
 use gs_raster::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, Rasterizer, RenderSettings, Style, near_plane};
 use gs_reference::tolerance::{AMBIGUOUS, AMBIGUOUS_ELLIPSOID, F32_ELLIPSOID, f32_bound};
 use gs_reference::{Case, Deviation, Mismatch, Solid, compare};
-use gs_scene::{
-    Camera, Gaussians, Intrinsics, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients,
-};
+use gs_scene::{Camera, Gaussians, Intrinsics, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
 use serde_json::Value;
 use std::io;
 use std::path::Path;
