@@ -140,7 +140,7 @@ const SIZES: [usize; 16] = [
     32_769,
     65_535,
     65_537,
-    ((WORKGROUP as usize * BLOCK >> SORT_DIGIT_BITS) + 1) * BLOCK,
+    (((WORKGROUP as usize * BLOCK) >> SORT_DIGIT_BITS) + 1) * BLOCK,
 ];
 
 #[test]
