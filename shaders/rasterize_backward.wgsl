@@ -95,7 +95,7 @@ fn rasterize_backward(
             }
             if owns && sorted < pixel_end[met] {
                 let centre = vec2f(vec2u(met % TILE, met / TILE)) + vec2f(0.5);
-                let alpha = alpha_at(splat, centre, log2_alpha_min);
+                let alpha = alpha_at(splat.shape, centre, log2_alpha_min);
                 if alpha.drawn {
                     meet(splat, alpha, met, &sums);
                 }

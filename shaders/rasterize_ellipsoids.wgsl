@@ -39,7 +39,7 @@ fn rasterize_ellipsoids(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_
         let index = pair_splats[pair_index[pair]];
         let splat = splats[index];
         let local = local_to(splat, origin);
-        let alpha = alpha_at(local, centre, log2_alpha_min);
+        let alpha = alpha_at(local.shape, centre, log2_alpha_min);
         if alpha.drawn {
             let surface = surfaces[index];
             let a = -2.0 * LN_2 * splat.falloff.x;

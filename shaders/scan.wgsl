@@ -26,24 +26,39 @@ struct Scan {
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
 @group(0) @binding(3) var<storage, read_write> counters: array<u32>;
 
+// Invocations whose sums one invocation adds up.
+const ROW: u32 = 16u;
+
 var<workgroup> partial: array<u32, WORKGROUP>;
 
 fn saturating_add(a: u32, b: u32) -> u32 {
     return select(a + b, 0xffffffffu, a + b < a);
 }
 
-// Replaces partial by its inclusive prefix sums.
-fn scan_partial(local: u32) {
-    for (var step = 1u; step < WORKGROUP; step *= 2u) {
-        workgroupBarrier();
-        var before = 0u;
-        if local >= step {
-            before = partial[local - step];
+// The sum of what the invocations before this one give, and that of all.
+fn sums_of(given: u32, local: u32) -> vec2u {
+    partial[local] = given;
+    workgroupBarrier();
+    if local < WORKGROUP / ROW {
+        var sum = 0u;
+        for (var at = local * ROW; at < (local + 1u) * ROW; at++) {
+            sum = saturating_add(sum, partial[at]);
+            partial[at] = sum;
         }
-        workgroupBarrier();
-        partial[local] = saturating_add(partial[local], before);
     }
     workgroupBarrier();
+    var before = 0u;
+    var all = 0u;
+    for (var start = 0u; start < WORKGROUP; start += ROW) {
+        if local >= start {
+            before = all;
+        }
+        all = saturating_add(all, partial[start + ROW - 1u]);
+    }
+    if local % ROW > 0u {
+        before = saturating_add(before, partial[local - 1u]);
+    }
+    return vec2u(before, all);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -63,10 +78,9 @@ fn scan_reduce(
             sum = saturating_add(sum, values[index]);
         }
     }
-    partial[local] = sum;
-    scan_partial(local);
+    let all = sums_of(sum, local).y;
     if local == 0u {
-        sums[block] = partial[WORKGROUP - 1u];
+        sums[block] = all;
     }
 }
 
@@ -79,16 +93,11 @@ fn scan_sums(@builtin(local_invocation_index) local: u32) {
         if index < scan.n_blocks {
             value = sums[index];
         }
-        partial[local] = value;
-        scan_partial(local);
+        let added = sums_of(value, local);
         if index < scan.n_blocks {
-            var before = 0u;
-            if local > 0u {
-                before = partial[local - 1u];
-            }
-            sums[index] = saturating_add(carry, before);
+            sums[index] = saturating_add(carry, added.x);
         }
-        carry = saturating_add(carry, partial[WORKGROUP - 1u]);
+        carry = saturating_add(carry, added.y);
         workgroupBarrier();
     }
     if local == 0u && scan.total != NOWHERE {
@@ -106,23 +115,17 @@ fn scan_apply(
     if block >= scan.n_blocks {
         return;
     }
-    var carry = sums[block];
-    for (var item = 0u; item < ITEMS; item++) {
-        let index = (block * ITEMS + item) * WORKGROUP + local;
-        var value = 0u;
-        if index < scan.n {
-            value = values[index];
-        }
-        partial[local] = value;
-        scan_partial(local);
-        var before = 0u;
-        if local > 0u {
-            before = partial[local - 1u];
-        }
-        if index < scan.n {
-            values[index] = saturating_add(carry, before);
-        }
-        carry = saturating_add(carry, partial[WORKGROUP - 1u]);
-        workgroupBarrier();
+    // An invocation owns ITEMS neighbouring numbers, so that one sum over the invocations is enough.
+    let first = (block * WORKGROUP + local) * ITEMS;
+    let end = min(first + ITEMS, scan.n);
+    var sum = 0u;
+    for (var index = first; index < end; index++) {
+        sum = saturating_add(sum, values[index]);
+    }
+    var before = saturating_add(sums[block], sums_of(sum, local).x);
+    for (var index = first; index < end; index++) {
+        let value = values[index];
+        values[index] = before;
+        before = saturating_add(before, value);
     }
 }

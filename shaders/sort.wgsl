@@ -26,8 +26,6 @@ struct Sort {
 }
 
 const DIGITS: u32 = 16;
-// Rows of packed counts: each word has that of digit d in its low half and that of digit d + ROWS in its high half.
-const ROWS: u32 = 8;
 
 @group(0) @binding(0) var<uniform> step: Sort;
 @group(0) @binding(1) var<storage, read> counters: array<u32>;
@@ -38,11 +36,10 @@ const ROWS: u32 = 8;
 @group(0) @binding(6) var<storage, read_write> values_out: array<u32>;
 
 var<workgroup> digit_counts: array<atomic<u32>, 16>;
-// [ROWS, WORKGROUP] counts of each invocation's own keys, then what precedes them in the block.
-var<workgroup> packed: array<u32, ROWS * WORKGROUP>;
-var<workgroup> partial: array<u32, WORKGROUP>;
-// Place of the first key of a digit in the output, minus its place in the sorted block.
-var<workgroup> digit_base: array<u32, 16>;
+// Counts of each invocation's own keys, four bits a digit: at most ITEMS < 16.
+var<workgroup> own: array<vec2u, WORKGROUP>;
+// [groups, DIGITS] keys of DIGITS neighbouring invocations, then the place in the output of the first of them.
+var<workgroup> group_place: array<u32, WORKGROUP>;
 
 fn key_count() -> u32 {
     if step.count == NOWHERE {
@@ -89,63 +86,55 @@ fn sort_scatter(
         return;
     }
     let n = key_count();
+    if block * WORKGROUP * ITEMS >= n {
+        return;
+    }
     // An invocation owns ITEMS neighbouring keys, so that ranks by (digit, invocation, item) keep equal keys in order.
     let first = (block * WORKGROUP + local) * ITEMS;
+    var counts = vec2u(0u);
     for (var item = 0u; item < ITEMS; item++) {
         let index = first + item;
         if index < n {
             let digit = digit_of(keys_in[index]);
-            packed[(digit % ROWS) * WORKGROUP + local] += one_of(digit);
+            counts[digit / 8u] += 1u << (4u * (digit % 8u));
         }
     }
+    own[local] = counts;
     workgroupBarrier();
-    // Exclusive prefix sums over all words, each half by itself: at most WORKGROUP * ITEMS, they do not overflow.
-    var sum = 0u;
-    for (var row = 0u; row < ROWS; row++) {
-        sum += packed[local * ROWS + row];
+    // One invocation for each digit of each group of invocations.
+    let digit = local % DIGITS;
+    let group = local / DIGITS;
+    var count = 0u;
+    for (var member = 0u; member < DIGITS; member++) {
+        count += (own[group * DIGITS + member][digit / 8u] >> (4u * (digit % 8u))) & 0xfu;
     }
-    partial[local] = sum;
-    for (var reach = 1u; reach < WORKGROUP; reach *= 2u) {
-        workgroupBarrier();
-        var before = 0u;
-        if local >= reach {
-            before = partial[local - reach];
-        }
-        workgroupBarrier();
-        partial[local] += before;
-    }
+    group_place[local] = count;
     workgroupBarrier();
-    // Digits of the high halves come after all of the low ones.
-    let n_low = partial[WORKGROUP - 1u] & 0xffffu;
-    var before = partial[local] - sum + (n_low << 16u);
-    for (var row = 0u; row < ROWS; row++) {
-        let count = packed[local * ROWS + row];
-        packed[local * ROWS + row] = before;
-        before += count;
+    var place = histogram[digit * step.n_blocks + block];
+    for (var before = 0u; before < group; before++) {
+        place += group_place[before * DIGITS + digit];
     }
     workgroupBarrier();
-    if local < DIGITS {
-        digit_base[local] = histogram[local * step.n_blocks + block] - half_of(packed[(local % ROWS) * WORKGROUP], local);
-    }
+    group_place[local] = place;
     workgroupBarrier();
+    // Keys of the invocations before this one in its group, eight bits a digit: at most DIGITS * ITEMS < 256.
+    var preceding = vec4u(0u);
+    for (var member = group * DIGITS; member < local; member++) {
+        let counts = own[member].xxyy >> vec4u(0u, 4u, 0u, 4u);
+        preceding += counts & vec4u(0x0f0f0f0fu);
+    }
     for (var item = 0u; item < ITEMS; item++) {
         let index = first + item;
         if index < n {
             let key = keys_in[index];
             let digit = digit_of(key);
-            let word = (digit % ROWS) * WORKGROUP + local;
-            let place = digit_base[digit] + half_of(packed[word], digit);
-            packed[word] += one_of(digit);
+            let word = digit / 8u * 2u + digit % 2u;
+            let shift = digit % 8u / 2u * 8u;
+            let rank = (preceding[word] >> shift) & 0xffu;
+            preceding[word] += 1u << shift;
+            let place = group_place[group * DIGITS + digit] + rank;
             keys_out[place] = key;
             values_out[place] = values_in[index];
         }
     }
-}
-
-fn one_of(digit: u32) -> u32 {
-    return select(1u, 0x10000u, digit >= ROWS);
-}
-
-fn half_of(word: u32, digit: u32) -> u32 {
-    return select(word & 0xffffu, word >> 16u, digit >= ROWS);
 }

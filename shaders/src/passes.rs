@@ -4,9 +4,10 @@ use crate::Features;
 
 /// Side of a tile, pixels.
 pub const TILE: u32 = 16;
-/// Invocations of a workgroup in passes over lists.
-pub const WORKGROUP: u32 = 256;
-/// Numbers that an invocation of `scan` or `sort` takes.
+/// Invocations of a workgroup in passes over lists. WebGPU clears workgroup memory before every workgroup, and a software adapter
+/// does so for each of its invocations: large workgroups cost more there than they save.
+pub const WORKGROUP: u32 = 64;
+/// Numbers that an invocation of `scan` or `sort` takes. `sort` counts them in four bits: less than 16.
 pub const ITEMS: u32 = 8;
 /// Bits that one step of `sort` sorts by.
 pub const SORT_DIGIT_BITS: u32 = 4;

@@ -1,13 +1,13 @@
 //! Everything that a host in another language needs to draw a view, as one value that serialises to JSON.
 
 use crate::view::{Action, Argument, Buffer, GRID_MAX, Groups, View};
-use crate::{Access, Frame, GEOMETRY, N_COUNTERS, N_PAIRS, Pass, REJECTED, TILE, VISIBLE, WORKGROUP};
+use crate::{Access, Frame, GEOMETRY, N_COUNTERS, N_PAIRS, Pass, REJECTED, TILE, VISIBLE};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::mem::offset_of;
 
-/// The shaders, their pipelines, and views as commands. Numbers of bindings, overrides, workgroup sizes, and offsets of structs
-/// are in it; a host adds nothing but its device.
+/// The shaders, their pipelines, and views as commands. Numbers of bindings, overrides, and offsets of structs are in
+/// it; a host adds nothing but its device.
 #[derive(Debug, Serialize)]
 pub struct Table {
     /// Texts of the shader modules, by the name of the pass.
@@ -33,8 +33,6 @@ struct Pipeline {
     entry_point: &'static str,
     /// Values of the overrides, by name.
     constants: BTreeMap<&'static str, f64>,
-    /// Size of a workgroup.
-    workgroup: [u32; 2],
     /// Bindings of group 0 by number.
     bindings: BTreeMap<u32, &'static str>,
 }
@@ -131,7 +129,6 @@ impl Table {
         let pipeline = Pipeline {
             module: pass.name,
             entry_point,
-            workgroup: if constants.contains_key("WORKGROUP") { [WORKGROUP, 1] } else { [TILE, TILE] },
             constants,
             bindings: used
                 .iter()

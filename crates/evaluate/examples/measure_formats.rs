@@ -1,6 +1,7 @@
 //! What each file format of a scene costs: size, time, and quality on held-out views of the demo's scene.
 //!
-//! `cargo run --release -p evaluate --example measure_formats [GAUSSIANS]` prints the table of docs/bench/formats.md.
+//! `cargo run --release -p evaluate --example measure_formats [GAUSSIANS [SCENE...]]` prints the table of docs/bench/formats.md, and
+//! the quality of other files of the same scene.
 
 use evaluate::{Method, Runner, render_view};
 use gs_raster::Rasterizer;
@@ -42,6 +43,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("| {format} | {bytes} | {each:.1} | {lost:.3} | {write:.1} | {read:.1} |");
     }
     std::fs::remove_dir_all(folder)?;
+    for path in std::env::args().skip(2) {
+        let scene = read_scene(path.as_ref())?.gaussians;
+        println!("{path}: {} Gaussians, PSNR {:.3} dB", scene.len(), psnr(&scene, &window, &mut rasterizer)?);
+    }
     Ok(())
 }
 

@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 use view_data::Dataset;
 use viewer::{Near, Page, Precision, Server, Shot, Still};
 
-/// Width of photographs in a page, and of the pictures for browsers without WebGPU, pixels.
-const WIDTH: u32 = 400;
+/// Long side of photographs in a page, and of the pictures for browsers without WebGPU, pixels.
+const SIDE: u32 = 400;
 /// Quality of their JPEGs.
 const QUALITY: u8 = 75;
 /// Pictures for browsers without WebGPU.
@@ -26,7 +26,7 @@ const STILLS: usize = 3;
 
 /// Write a page that shows a scene in the browser, on WebGPU
 ///
-/// The page is one file that needs no network. It starts at the first camera of --cameras. Browsers without WebGPU show pictures that are rendered here.
+/// The page is one file that needs no network. It starts at the camera of --cameras that sees most of the scene. Browsers without WebGPU show pictures that are rendered here.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sparsesplat view scene.ply                              writes scene.html\n  \
@@ -108,7 +108,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     drop(progress);
     let title = arguments.scene.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let precision = if arguments.exact { Precision::Full } else { Precision::Compact };
-    let page = page(&title, &gaussians, &shots, &stills, precision);
+    let cameras: Vec<Camera> = shots.iter().map(|shot| shot.camera).collect();
+    let start = viewer::fullest(&cameras, &gaussians);
+    let page = Page { start, ..page(&title, &gaussians, &shots, &stills, precision) };
     print_line(&format!("Gaussians  {}", count(gaussians.len() as f64)));
     let photographs = shots.iter().filter(|shot| shot.photograph.is_some()).count();
     print_line(&format!("cameras    {}, {photographs} with their photographs", shots.len()));
@@ -176,6 +178,7 @@ fn page<'a>(
         title,
         gaussians,
         shots,
+        start: 0,
         stills,
         settings: RenderSettings::default(),
         near: Near::OfScene,
@@ -216,14 +219,19 @@ fn evenly(all: usize, n: usize) -> impl Iterator<Item = usize> {
     (0..n).map(move |i| if n > 1 { i * (all - 1) / (n - 1) } else { 0 })
 }
 
-/// A size that is at most [`WIDTH`] wide.
+/// A size whose sides are at most [`SIDE`].
 fn within(width: usize, height: usize) -> (usize, usize) {
-    let most = WIDTH as usize;
-    if width <= most { (width, height) } else { (most, (height * most).div_ceil(width)) }
+    let (most, long) = (SIDE as usize, width.max(height));
+    if long <= most {
+        (width, height)
+    } else {
+        ((width * most).div_ceil(long), (height * most).div_ceil(long))
+    }
 }
 
 fn jpeg(image: &Image) -> Outcome<Vec<u8>> {
-    Picture::of_image(image).at_most(WIDTH).to_jpeg(QUALITY).or_work()
+    let (width, _) = within(image.width(), image.height());
+    Picture::of_image(image).at_most(width as u32).to_jpeg(QUALITY).or_work()
 }
 
 fn size(bytes: usize) -> String {
@@ -242,6 +250,7 @@ mod tests {
         assert_eq!(places(5, 1), [0]);
         assert!(places(5, 0).is_empty() && places(0, 3).is_empty());
         assert_eq!(within(960, 540), (400, 225));
+        assert_eq!(within(540, 960), (225, 400));
         assert_eq!(within(100, 7), (100, 7));
         assert_eq!(page_beside(Path::new("a/fox.html")).as_deref(), Some(Path::new("a/fox-view.html")));
         assert_eq!(page_beside(Path::new("-")), None);

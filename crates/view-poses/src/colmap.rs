@@ -6,9 +6,9 @@ use crate::{Error, Result};
 use std::collections::HashMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use view_data::{Dataset, open_colmap};
+use view_data::{Dataset, Frame, open_colmap};
 
-/// COLMAP 3.8 or newer, on the CPU, without a window; a lens has a focal length and k1. Its mapper draws random numbers in an order that
+/// COLMAP 3.8 or newer, on the CPU, without a window; a lens has a focal length, a principal point and k1. Its mapper draws random numbers in an order that
 /// depends on its threads: results differ from run to run.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Colmap;
@@ -21,6 +21,10 @@ const PROGRAM: &str = "colmap";
 const FEATURES: &str = "4096";
 /// Long side that features are found at, pixels.
 const LONG_SIDE: &str = "1600";
+/// Photographs with a pose from which the principal point can be found.
+const ENOUGH_FOR_CENTRE: usize = 8;
+/// Share of the long side that the principal point may lie beside the middle.
+const CENTRE: f64 = 0.06;
 /// Photographs that are matched exhaustively although they are frames of a video.
 const EXHAUSTIVE: usize = 60;
 
@@ -107,16 +111,41 @@ impl Engine for Colmap {
         }
         let found = models_in(&models);
         // The largest model; of equal ones the first.
-        let mut best: Option<Dataset> = None;
-        for model in &found {
-            let model = open_colmap(model)?;
-            if best.as_ref().is_none_or(|best| model.frames.len() > best.frames.len()) {
-                best = Some(model);
+        let mut best: Option<(&Path, Dataset)> = None;
+        for path in &found {
+            let model = open_colmap(path)?;
+            if best.as_ref().is_none_or(|(_, best)| model.frames.len() > best.frames.len()) {
+                best = Some((path, model));
             }
         }
-        let best = best.ok_or_else(|| nothing("no model was found".to_owned()))?;
-        solution(task, &best, found.len())
+        let (path, model) = best.ok_or_else(|| nothing("no model was found".to_owned()))?;
+        let refined = task.work.join("refined");
+        file("make the folder")(&refined, std::fs::create_dir_all(&refined))?;
+        let model = if model.frames.len() < ENOUGH_FOR_CENTRE {
+            model
+        } else {
+            centred(task, path, &refined, model)?
+        };
+        solution(task, &model, found.len())
     }
+}
+
+/// The model after a last adjustment in which the principal point is free: photographs may be cut, and then it is not in the middle. A
+/// point that wanders far off is not known, and the model stays what it was.
+fn centred(task: &Task<'_>, path: &Path, refined: &Path, model: Dataset) -> Result<Dataset> {
+    Call::new("bundle_adjuster")
+        .path("--input_path", path)
+        .path("--output_path", refined)
+        .text("--BundleAdjustment.refine_principal_point", "1")
+        .run(task.work)?;
+    let refined = open_colmap(refined)?;
+    let is_near = |frame: &Frame| {
+        let gs_scene::Intrinsics { cx, cy, width, height, .. } = frame.lens.intrinsics;
+        let most = CENTRE * width.max(height) as f64;
+        (cx - width as f64 / 2.0).abs() <= most && (cy - height as f64 / 2.0).abs() <= most
+    };
+    let kept = refined.frames.len() == model.frames.len() && refined.frames.iter().all(is_near);
+    Ok(if kept { refined } else { model })
 }
 
 /// The folders of models, by name.

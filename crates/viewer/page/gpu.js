@@ -32,7 +32,9 @@ class Renderer {
     Object.assign(this, { table, present, adapter, device, timed });
     this.buffers = new Map();
     this.uniforms = new Map();
+    this.modules = {};
     this.pipelines = [];
+    this.compiling = [];
     this.plan = null;
     this.pairs = 0;
     this.n = 0;
@@ -53,11 +55,15 @@ class Renderer {
     return made;
   }
 
-  // Takes over the Gaussians of a scene: rows of geometry and of SH coefficients. `degrees` are those that the table has views
-  // for; a scene of another degree gets coefficients that are 0.
+  // Chooses the views for scenes of this degree: of the `degrees` that the table has views for the next higher one.
+  chooseViews(degree, degrees) {
+    this.degree = degrees.find(one => one >= degree);
+  }
+
+  // Takes over the Gaussians of a scene: rows of geometry and of SH coefficients. Coefficients beyond those of the scene are 0.
   load(scene, degrees) {
     this.n = scene.n;
-    this.degree = degrees.find(degree => degree >= scene.degree);
+    this.chooseViews(scene.degree, degrees);
     const rows = { geometry: scene.geometry, sh: padded(scene, this.degree) };
     for (const [name, data] of Object.entries(rows)) {
       this.device.queue.writeBuffer(this.room(name, Math.max(data.byteLength, this.row('colour', name))), 0, data);
@@ -85,24 +91,25 @@ class Renderer {
     return this.uniforms.get(key);
   }
 
-  // Compiles what a view needs, all at once.
+  // Compiles what a view needs, all at once; what was begun before is only waited for.
   async compile(view) {
     const places = new Set(this.view(view).commands.flatMap(({ dispatch }) => dispatch ? [dispatch.pipeline] : []));
-    this.modules ??= {};
-    await Promise.all([...places].map(async place => {
-      if (this.pipelines[place]) return;
-      const { module, entry_point, constants, bindings } = this.table.pipelines[place];
-      this.modules[module] ??= this.device.createShaderModule({ label: module, code: this.table.modules[module] });
-      const entries = Object.entries(bindings).map(([number, type]) => (
-        { binding: Number(number), visibility: GPUShaderStage.COMPUTE, buffer: { type } }));
-      const layout = this.device.createBindGroupLayout({ label: entry_point, entries });
-      const pipeline = await this.device.createComputePipelineAsync({
-        label: entry_point,
-        layout: this.device.createPipelineLayout({ bindGroupLayouts: [layout] }),
-        compute: { module: this.modules[module], entryPoint: entry_point, constants },
-      });
-      this.pipelines[place] = { pipeline, layout, module };
-    }));
+    await Promise.all([this.present.compile(this.device), ...[...places].map(place => this.compiling[place] ??= this.pipeline(place))]);
+  }
+
+  // Compiles an entry point.
+  async pipeline(place) {
+    const { module, entry_point, constants, bindings } = this.table.pipelines[place];
+    this.modules[module] ??= this.device.createShaderModule({ label: module, code: this.table.modules[module] });
+    const entries = Object.entries(bindings).map(([number, type]) => (
+      { binding: Number(number), visibility: GPUShaderStage.COMPUTE, buffer: { type } }));
+    const layout = this.device.createBindGroupLayout({ label: entry_point, entries });
+    const pipeline = await this.device.createComputePipelineAsync({
+      label: entry_point,
+      layout: this.device.createPipelineLayout({ bindGroupLayouts: [layout] }),
+      compute: { module: this.modules[module], entryPoint: entry_point, constants },
+    });
+    this.pipelines[place] = { pipeline, layout, module };
   }
 
   // The commands of a view with these counts, with everything bound.
@@ -242,15 +249,19 @@ class Present {
     this.code = code;
   }
 
+  compile(device) {
+    this.compiling ??= device.createComputePipelineAsync({
+      label: 'present',
+      layout: 'auto',
+      compute: { module: device.createShaderModule({ label: 'present', code: this.code }), entryPoint: 'present' },
+    }).then(pipeline => { this.pipeline = pipeline; });
+    return this.compiling;
+  }
+
   // Records the conversion; returns the buffer to read it from.
   record(renderer, encoder, { width, height }, { mode, near, far }) {
     const { device } = renderer;
     const n = width * height;
-    this.pipeline ??= device.createComputePipeline({
-      label: 'present',
-      layout: 'auto',
-      compute: { module: device.createShaderModule({ label: 'present', code: this.code }), entryPoint: 'present' },
-    });
     this.paint ??= device.createBuffer({ label: 'paint', size: 16, usage: GPUBufferUsage.UNIFORM | GPUBufferUsage.COPY_DST });
     const data = new DataView(new ArrayBuffer(16));
     [n, mode].forEach((value, i) => data.setUint32(4 * i, value, true));

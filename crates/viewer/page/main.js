@@ -100,7 +100,7 @@ const grouped = n => n.toLocaleString('en');
 
 function tell({ milliseconds, visible, rejected, lens, passes }, moving) {
   const mean = rates.reduce((sum, one) => sum + one, 0) / Math.max(rates.length, 1);
-  const rate = moving && rates.length ? `, ${(1000 / mean).toFixed(0)} fps` : '';
+  const rate = moving && rates.length ? `, ${(1000 / mean).toFixed(mean > 100 ? 1 : 0)} fps` : '';
   const left = rejected ? `\n${grouped(rejected)} cannot be drawn` : '';
   $('status').textContent = `${grouped(shown.n)} Gaussians, ${grouped(visible)} in view\n${lens.width} × ${lens.height}, ${milliseconds.toFixed(0)} ms${rate}${left}`;
   if (!state.measure) return;
@@ -193,7 +193,8 @@ async function openFile(file) {
     listCameras();
     jump(0);
   } catch (error) {
-    say(`${file.name}: ${error.message ?? error}`);
+    const advice = 'This page reads PLY files of 3D Gaussian splatting; "sparsesplat convert" makes one of other formats.';
+    say(`${file.name}: ${error.message ?? error}. ${advice}`);
   }
 }
 
@@ -303,16 +304,20 @@ const viewer = {
 globalThis.viewer = viewer;
 
 async function start() {
-  const bytes = packedBytes($('scene'));
   renderer = await Renderer.start(data.table, new Present(data.present));
   if (!renderer) return fallBack('This browser has no WebGPU, or no device for it.');
   renderer.device.lost.then(({ reason, message }) => { if (reason !== 'destroyed') fallBack(`The graphics device was lost: ${message}`); });
   renderer.device.addEventListener('uncapturederror', ({ error }) => say(error.message));
-  setScene(unpacked(data.scene, await bytes));
+  // Pipelines are compiled in another process while the scene is unpacked here. What goes wrong is told by the first frame.
+  renderer.chooseViews(data.scene.degree, data.degrees);
+  renderer.compile('colour').catch(() => {});
+  setScene(unpacked(data.scene, await packedBytes($('scene'))));
   if (data.shots.length === 0) data.shots = [overview(scene)];
   listCameras();
   wire();
-  jump(0);
+  // On a small screen the panel would cover the scene.
+  $('controls').hidden = matchMedia('(max-width: 560px)').matches;
+  jump(data.start);
 }
 
 start().catch(error => fallBack(String(error.message ?? error)));

@@ -9,5 +9,5 @@ mod serve;
 pub use error::{Error, Result};
 pub use pack::{Precision, packed, unpacked};
 pub use page::{Near, Page, Shot, Still};
-pub use path::{along, around, overview};
+pub use path::{along, around, fullest, overview};
 pub use serve::Server;

@@ -65,8 +65,10 @@ pub struct Page<'a> {
     pub title: &'a str,
     /// Scene.
     pub gaussians: &'a Gaussians,
-    /// Cameras; the first is where the page starts. Without any the page starts at an overview.
+    /// Cameras to look from. Without any the page makes an overview.
     pub shots: &'a [Shot],
+    /// Place in `shots` where the page starts.
+    pub start: usize,
     /// Pictures for browsers without WebGPU.
     pub stills: &'a [Still],
     /// How the scene is drawn; style and depth are chosen on the page.
@@ -88,6 +90,7 @@ struct Data<'a> {
     near: NearRule,
     slope_margin: f64,
     shots: Vec<ShotData<'a>>,
+    start: usize,
     scene: Header,
 }
 
@@ -240,6 +243,7 @@ impl Page<'_> {
             },
             slope_margin: SLOPE_MARGIN,
             shots: self.shots.iter().map(shot_data).collect(),
+            start: self.start,
             scene: Header::new(self.gaussians, self.precision),
         }
     }
@@ -264,7 +268,16 @@ mod tests {
 
     fn page<'a>(title: &'a str, gaussians: &'a Gaussians) -> Page<'a> {
         let (settings, near) = (RenderSettings::default(), Near::default());
-        Page { title, gaussians, shots: &[], stills: &[], settings, near, precision: Precision::Full }
+        Page {
+            title,
+            gaussians,
+            shots: &[],
+            start: 0,
+            stills: &[],
+            settings,
+            near,
+            precision: Precision::Full,
+        }
     }
 
     #[test]

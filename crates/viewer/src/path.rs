@@ -7,6 +7,23 @@ use gs_scene::{Camera, Gaussians, Intrinsics};
 /// Radii of an orbit as a share of the distance to what it looks at, at least and at most.
 const RADII: [f64; 2] = [0.05, 0.35];
 
+/// Gaussians that [`fullest`] looks at.
+const SAMPLE: usize = 4096;
+
+/// Place of the camera in whose picture the centres of most Gaussians lie, of a sample; the first of equals, 0 where there is none.
+#[must_use]
+pub fn fullest(cameras: &[Camera], gaussians: &Gaussians) -> usize {
+    let step = gaussians.len().div_ceil(SAMPLE).max(1);
+    let seen = |camera: &Camera| {
+        let rows = gaussians.geometry().chunks_exact(Gaussians::GEOMETRY).step_by(step);
+        let means = rows.map(|row| DVec3::new(row[0].into(), row[1].into(), row[2].into()));
+        means.filter(|&mean| camera.project(mean).is_some_and(|pixel| camera.contains(pixel))).count()
+    };
+    let counts: Vec<usize> = cameras.iter().map(seen).collect();
+    // The last of equals, from behind.
+    (0..counts.len()).rev().max_by_key(|&i| counts[i]).unwrap_or(0)
+}
+
 /// `frames` cameras along a list of cameras, in its order: positions on a Catmull-Rom spline, rotations by slerp, each stretch between
 /// two cameras for the same time. Lens and size are those of the first.
 ///
@@ -105,6 +122,21 @@ mod tests {
                 Camera::looking_at(lens, DVec3::new(x, y, -4.0), DVec3::ZERO, DVec3::NEG_Y).unwrap()
             })
             .to_vec()
+    }
+
+    #[test]
+    fn the_fullest_camera_sees_most_of_the_scene() {
+        let lens = *cameras()[0].intrinsics();
+        let looking = |target| Camera::looking_at(lens, DVec3::ZERO, target, DVec3::NEG_Y).unwrap();
+        let [away, ahead, beside] = [DVec3::NEG_Z, DVec3::Z, DVec3::X].map(looking);
+        let mut scene = Gaussians::empty(0).unwrap();
+        assert_eq!(fullest(&[away, ahead], &scene), 0, "of equals the first");
+        assert_eq!(fullest(&[], &scene), 0);
+        for mean in [[0.0, 0.0, 5.0], [0.1, 0.0, 4.0], [5.0, 0.0, 0.0], [f32::NAN; 3]] {
+            scene.push(mean, [1.0, 0.0, 0.0, 0.0], [0.0; 3], 0.0, &[0.0; 3]);
+        }
+        assert_eq!(fullest(&[away, beside, ahead, ahead], &scene), 2);
+        assert_eq!(fullest(&[away, beside], &scene), 1);
     }
 
     #[test]

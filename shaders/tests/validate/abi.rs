@@ -2,9 +2,9 @@
 
 use crate::gate::parse;
 use gs_shaders::{
-    AMBIENT, BIN, CULLED, Frame, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PASSES, POSE_SUMS, PROJECT,
-    PROJECT_BACKWARD, Pass, RASTERIZE_ELLIPSOIDS, REACH_SLACK, REJECTED, SCAN, SIGMA_MAX, SORT,
-    SORT_DIGIT_BITS, Scan, Sort, Splat, Surface, VISIBLE,
+    AMBIENT, BIN, CULLED, Frame, ITEMS, LEVEL_SLACK, N_COUNTERS, N_PAIRS, NOWHERE, PASSES, POSE_SUMS,
+    PROJECT, PROJECT_BACKWARD, Pass, RASTERIZE_ELLIPSOIDS, REACH_SLACK, REJECTED, SCAN, SIGMA_MAX, SORT,
+    SORT_DIGIT_BITS, Scan, Sort, Splat, Surface, VISIBLE, WORKGROUP,
 };
 use naga::{Expression, Literal, TypeInner};
 use std::f64::consts::{LN_2, LOG2_E, PI};
@@ -102,13 +102,19 @@ fn whole_numbers_are_the_same() {
         (&SCAN, "NOWHERE", NOWHERE),
         (&SORT, "NOWHERE", NOWHERE),
         (&SORT, "DIGITS", 1 << SORT_DIGIT_BITS),
-        // Two counts of 16 bits to a word.
-        (&SORT, "ROWS", (1 << SORT_DIGIT_BITS) / 2),
         (&PROJECT_BACKWARD, "POSE_SUMS", POSE_SUMS as u32),
     ];
     for (pass, name, expected) in numbers {
         assert_eq!(constant(pass, name), Literal::U32(expected), "{name} of {}", pass.name);
     }
+    // `sort` counts the keys of an invocation in 4 bits, and those of as many invocations as there are digits in 8.
+    const {
+        assert!(
+            ITEMS < 1 << 4
+                && ITEMS << SORT_DIGIT_BITS < 1 << 8
+                && WORKGROUP.is_multiple_of(1 << SORT_DIGIT_BITS)
+        )
+    };
     assert!([VISIBLE, REJECTED, N_PAIRS].iter().all(|&slot| (slot as usize) < N_COUNTERS));
 }
 

@@ -2,7 +2,8 @@
 
 use crate::gate::parse;
 use gs_shaders::{
-    Access, Action, Argument, Counts, Drawing, Features, Frame, Groups, PASSES, Source, Table, View, Word,
+    Access, Action, Argument, Counts, Drawing, Features, Frame, Groups, ITEMS, PASSES, Source, Table, View,
+    WORKGROUP, Word,
 };
 
 const DRAWINGS: [Drawing; 3] = [Drawing::Blended, Drawing::Recorded, Drawing::Ellipsoids];
@@ -74,7 +75,7 @@ fn sorts_stop_after_the_last_digit_of_a_tile() {
                         Word::Amount(amount) => amount.value(&counts),
                     };
                     let Groups::Folded(groups) = groups else { panic!("a sort goes over blocks") };
-                    assert_eq!(value(blocks), value(n).div_ceil(2048));
+                    assert_eq!(value(blocks), value(n).div_ceil(u64::from(WORKGROUP * ITEMS)));
                     assert_eq!(groups.value(&counts), value(blocks));
                     Some(*shift)
                 }

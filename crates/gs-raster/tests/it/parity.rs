@@ -100,7 +100,7 @@ static CHAINS: LazyLock<Vec<Chain>> = LazyLock::new(|| {
 
 /// Gaussians of all sizes before a picture whose sides are not multiples of a tile.
 pub(crate) fn crowd() -> (Gaussians, Camera) {
-    let n = 5 * WORKGROUP as usize + 77;
+    let n = 21 * WORKGROUP as usize + 13;
     let mut scene = Gaussians::empty(1).expect("degree 1 exists");
     for i in 0..n {
         let value = |k: usize| noise(7, i * 32 + k);

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 use gs_raster::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, Rasterizer, RenderSettings, Style, near_plane};
 use gs_reference::tolerance::{AMBIGUOUS, AMBIGUOUS_ELLIPSOID, F32_ELLIPSOID, f32_bound};
 use gs_reference::{Case, Deviation, Mismatch, Solid, compare};
-use gs_scene::{Camera, Gaussians, Intrinsics};
+use gs_scene::{Camera, Gaussians, Intrinsics, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
 use serde_json::Value;
 use std::io;
 use std::path::Path;
@@ -74,9 +74,7 @@ pub(crate) fn frame(
         }})()"
     );
     let value = browser.evaluate(&expression)?;
-    let bytes = STANDARD.decode(value["pixels"].as_str().unwrap_or_default()).map_err(io::Error::other)?;
-    let numbers: Vec<f32> =
-        bytes.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().expect("four bytes"))).collect();
+    let numbers = floats(&value["pixels"])?;
     let n = value["n"].as_u64().unwrap_or(0) as usize;
     let planes = split(&numbers, n);
     let count = |name: &str| value[name].as_u64().unwrap_or(u64::MAX);
@@ -96,6 +94,39 @@ fn split(numbers: &[f32], n: usize) -> Planes {
         transmittance: colours.chunks_exact(4).map(|pixel| pixel[3]).collect(),
         depth: (depths.len() == 2 * n).then(|| [depths[..n].to_vec(), depths[n..].to_vec()]),
     }
+}
+
+/// The Gaussians that the page draws, which are fewer than it has where its slider says so.
+pub(crate) fn shown_scene(browser: &mut Browser) -> io::Result<Gaussians> {
+    let value = browser.evaluate(
+        "(() => {
+          const { degree, geometry, sh } = viewer.scene;
+          const text = rows => {
+            const bytes = new Uint8Array(rows.buffer);
+            let text = '';
+            for (let at = 0; at < bytes.length; at += 32768) text += String.fromCharCode(...bytes.subarray(at, at + 32768));
+            return btoa(text);
+          };
+          return { degree, geometry: text(geometry), sh: text(sh) };
+        })()",
+    )?;
+    let degree = value["degree"].as_u64().unwrap_or(0) as usize;
+    let (geometry, sh) = (floats(&value["geometry"])?, floats(&value["sh"])?);
+    let mut scene = Gaussians::empty(degree).map_err(io::Error::other)?;
+    let rows = geometry.chunks_exact(Gaussians::GEOMETRY).zip(sh.chunks_exact(3 * sh_coefficients(degree)));
+    for (row, sh) in rows {
+        let part = |range: std::ops::Range<usize>| &row[range];
+        let three = |range| part(range).try_into().expect("three columns");
+        let quaternion = part(QUATERNION).try_into().expect("four columns");
+        scene.push(three(MEAN), quaternion, three(LOG_SCALE), row[OPACITY_LOGIT], sh);
+    }
+    Ok(scene)
+}
+
+/// Numbers that the page gives as base64.
+fn floats(value: &Value) -> io::Result<Vec<f32>> {
+    let bytes = STANDARD.decode(value.as_str().unwrap_or_default()).map_err(io::Error::other)?;
+    Ok(bytes.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().expect("four bytes"))).collect())
 }
 
 /// One output beside what it should be.
@@ -159,6 +190,7 @@ pub(crate) fn fixtures(browser: &mut Browser, folder: &Path, wrong: &mut Wrong) 
             title: &name,
             gaussians: &case.gaussians,
             shots: &shots,
+            start: 0,
             stills: &[],
             settings,
             near,

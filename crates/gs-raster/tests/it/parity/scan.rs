@@ -64,8 +64,9 @@ fn steps(gpu: &mut Gpu, values: &[u32], truth: &[u32], total: u32) -> Vec<Row> {
 #[test]
 #[ignore = "gpu"]
 fn sizes_around_blocks() {
-    // The last two are more blocks than scan_sums takes at a time.
-    let sizes = [1, 255, 256, 257, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK, 256 * BLOCK, 256 * BLOCK + 1];
+    // The last are as many blocks as scan_sums takes at a time, and more.
+    let round = WORKGROUP as usize * BLOCK;
+    let sizes = [1, 63, 64, 65, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK, round, round + 1, 3 * round + 77];
     for n in sizes {
         let values: Vec<u32> = (0..n).map(|i| (noise(3, i).abs() * 100.0) as u32).collect();
         for total in [N_PAIRS, NOWHERE] {

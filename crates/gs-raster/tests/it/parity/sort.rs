@@ -124,8 +124,24 @@ fn gcd(a: usize, b: usize) -> usize {
 }
 
 /// Sizes around those of workgroups, blocks and powers of two; the last takes more than one round of `scan_sums`.
-const SIZES: [usize; 16] =
-    [1, 2, 3, 255, 256, 257, 2047, 2048, 2049, 4095, 4097, 32_767, 32_769, 65_535, 65_537, 160 * 2048 + 1];
+const SIZES: [usize; 16] = [
+    1,
+    2,
+    3,
+    63,
+    64,
+    65,
+    BLOCK - 1,
+    BLOCK,
+    BLOCK + 1,
+    4095,
+    4097,
+    32_767,
+    32_769,
+    65_535,
+    65_537,
+    (((WORKGROUP as usize * BLOCK) >> SORT_DIGIT_BITS) + 1) * BLOCK,
+];
 
 #[test]
 #[ignore = "gpu"]
