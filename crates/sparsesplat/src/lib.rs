@@ -27,5 +27,6 @@ pub use config::{Allocation, Backbone, Budget, Config, Exposure, Head};
 pub use depth_backbone::{DepthRange, Features, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};
+pub use merge::Cluster;
 pub use predict::{predict, predict_from, wanted};
 pub use prediction::{Counts, ExposureGain, Prediction, Stage, StageSeconds};

@@ -1,0 +1,59 @@
+//! New Gaussians of the pixels that the map does not show.
+
+use crate::{Config, Error, Result};
+use depth_backbone::{DepthRange, ViewGeometry};
+use entropy_sampler::{EntropyWindow, ImportanceMap, Probability};
+use gs_scene::{Gaussians, View};
+use sparsesplat::{Allocation, Backbone, Budget, Exposure, Head, Sampler, predict_from};
+
+/// Open pixels per Gaussian at the most: walls of one colour have no entropy, and are to be shown too.
+const PIXELS: usize = 400;
+/// Neighbours that each anchor gathers; as in sparsesplat's defaults.
+const NEIGHBOURS: usize = 20;
+
+/// The closed form of pixels that are drawn by entropy where `open` is true, `most` at the most.
+///
+/// Pixels are closed by taking away their confidence: neither are they drawn, nor does a drawn pixel stand for them.
+pub(crate) fn draw(
+    view: &View,
+    mut geometry: ViewGeometry,
+    range: (f64, f64),
+    open: &[bool],
+    config: &Config,
+    most: usize,
+) -> Result<Gaussians> {
+    let failed = |source: sparsesplat::Error| Error::Predict { frame: view.name().to_owned(), source };
+    for (confidence, _) in geometry.confidence.iter_mut().zip(open).filter(|(_, open)| !**open) {
+        *confidence = 0.0;
+    }
+    let depths = geometry.depth.data().iter().zip(&geometry.confidence);
+    let weights: Vec<f32> =
+        depths.map(|(&depth, &confidence)| f32::from(u8::from(depth > 0.0 && confidence > 0.0))).collect();
+    let usable = weights.iter().filter(|weight| **weight > 0.0).count();
+    if usable == 0 || most == 0 {
+        return Ok(Gaussians::empty(0)?);
+    }
+    let (width, height) = (view.image().width(), view.image().height());
+    let expected = || {
+        let map = ImportanceMap::entropy(&view.image().luma8(), width, height, EntropyWindow::default())?;
+        Ok::<_, entropy_sampler::Error>(
+            Probability::from_tau(config.tau)?.expected(&[map.with_weights(weights)?]),
+        )
+    };
+    let expected = expected().map_err(|source| failed(source.into()))?.round() as usize;
+    let count = expected.max(usable.div_ceil(PIXELS)).min(most);
+    let pass = sparsesplat::Config {
+        backbone: Backbone::GivenDepth,
+        depth_range: DepthRange::Estimate,
+        allocation: Allocation::Entropy,
+        sampler: Sampler::Fixed,
+        budget: Budget::Gaussians(count),
+        neighbours: NEIGHBOURS,
+        head: Head::ClosedForm,
+        far_shell: false,
+        exposure: Exposure::Common,
+        seed: config.seed,
+    };
+    let (views, geometries) = (std::slice::from_ref(view), std::slice::from_ref(&geometry));
+    Ok(predict_from(views, geometries, range, &pass, &mut |_| {}).map_err(failed)?.gaussians)
+}
