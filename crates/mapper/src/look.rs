@@ -8,8 +8,8 @@ use crate::{Depth, Result, Seen};
 use gs_raster::{Rasterizer, RenderSettings, near_plane};
 use gs_scene::View;
 
-/// The map is rendered at this part of the frame's size.
-const REDUCTION: usize = 4;
+/// The map is rendered so many pixels wide, and as the frame is if that is narrower.
+const WIDTH: usize = 120;
 /// Depths of the small rendering and of the frame differ by more than this, relative, where something else stands.
 const OTHER_DEPTH: f32 = 0.15;
 /// Frames that have more in common than this with a keyframe show nothing new.
@@ -42,7 +42,8 @@ impl Look {
     ) -> Result<Self> {
         let camera = view.camera();
         let (full_width, full_height) = (camera.width(), camera.height());
-        let (width, height) = (full_width.div_ceil(REDUCTION), full_height.div_ceil(REDUCTION));
+        let width = full_width.min(WIDTH);
+        let height = (full_height * width).div_ceil(full_width);
         let small = camera.with_intrinsics(camera.intrinsics().resized(width, height))?;
         let near = near_plane(&map.gaussians, camera);
         let settings = RenderSettings { near, depth: true, antialias: true, ..RenderSettings::default() };

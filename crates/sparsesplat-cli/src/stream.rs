@@ -16,11 +16,14 @@ use mapper::{Config, Depth, Integrated, Mapper, Outcome as Of, Update};
 use measure::{Measured, Row};
 use report_parts::count;
 use serde::Serialize;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
 use source::{Next, Source};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use view_data::Format;
 
@@ -167,24 +170,21 @@ struct Line<'a> {
     seconds: f64,
     gaussians: usize,
     bytes: usize,
-    psnr_before: Option<f64>,
     psnr_after: f64,
     rss_bytes: Option<u64>,
     #[serde(flatten)]
     keyframe: Integrated,
 }
 
-/// How often Ctrl-C was pressed.
-static INTERRUPTS: AtomicUsize = AtomicUsize::new(0);
-
-/// Ctrl-C ends the stream after the frame in work; the second time the process.
-fn hear_interrupts() -> Outcome {
-    ctrlc::set_handler(|| {
-        if INTERRUPTS.fetch_add(1, Ordering::SeqCst) > 0 {
-            std::process::exit(130);
-        }
-    })
-    .or_work()
+/// Whether Ctrl-C was pressed, or the process was asked to end: the stream then ends after the frame in work. The second time ends the process.
+fn hear_interrupts() -> Outcome<Arc<AtomicBool>> {
+    let interrupted = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // In this order: the first signal finds the flag down.
+        flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&interrupted)).or_work()?;
+        flag::register(signal, Arc::clone(&interrupted)).or_work()?;
+    }
+    Ok(interrupted)
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
@@ -211,14 +211,14 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let skip = mapper.as_ref().map_or(0, Mapper::frames);
     let progress = Progress::new(1);
     let mut source = source(arguments, skip, common, &progress)?;
-    hear_interrupts()?;
+    let interrupts = hear_interrupts()?;
 
     let mut lines = log.map(|path| log_file(path)).transpose()?;
     let mut rows: Vec<Row> = Vec::new();
     let (mut bad, mut broken, mut unsaved) = (0, None, 0);
     let mut viewer = gs_raster::Rasterizer::cpu();
     loop {
-        if INTERRUPTS.load(Ordering::SeqCst) > 0 {
+        if interrupts.load(Ordering::SeqCst) {
             break;
         }
         let frame = match source.next() {
@@ -262,7 +262,6 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
                     seconds: update.seconds,
                     gaussians: update.gaussians,
                     bytes: update.bytes,
-                    psnr_before: keyframe.psnr_before,
                     psnr_after,
                     rss_bytes: rss,
                     keyframe,
@@ -278,7 +277,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             unsaved = 0;
         }
     }
-    let interrupted = INTERRUPTS.load(Ordering::SeqCst) > 0;
+    let interrupted = interrupts.load(Ordering::SeqCst);
     let Some(mapper) = mapper else {
         let reason = broken.unwrap_or_else(|| "there were no frames".to_owned());
         return Err(Failure::input(format!("{}: {reason}", place(arguments))));

@@ -72,11 +72,13 @@ fn what_later_frames_see_through_goes() {
 
 #[test]
 fn noise_of_depth_is_averaged_away() {
-    // A pattern that differs from frame to frame: 1.5 % of the depth.
-    let noisy: Vec<View> = WALK[..24]
-        .iter()
-        .enumerate()
-        .map(|(frame, view)| with_depth(view, |_, z| z * (1.0 + if frame % 2 == 0 { 0.015 } else { -0.015 })))
+    // Every frame is off by 1 % of the depth, one way or the other.
+    let noisy: Vec<View> = (0_u32..)
+        .zip(&WALK[..24])
+        .map(|(frame, view)| {
+            let sign = if frame.wrapping_mul(2_654_435_761) >> 31 == 0 { 1.0 } else { -1.0 };
+            with_depth(view, |_, z| z * (1.0 + 0.01 * sign))
+        })
         .collect();
     let mut mapper = Mapper::new(config()).unwrap();
     push_all(&mut mapper, &noisy);
@@ -100,5 +102,5 @@ fn noise_of_depth_is_averaged_away() {
         });
         mean(errors)
     };
-    assert!(off(&mapper) < 0.013, "{}", off(&mapper));
+    assert!(off(&mapper) < 0.008, "{}", off(&mapper));
 }

@@ -2,7 +2,7 @@
 
 use super::Latency;
 use super::source::Source;
-use crate::failure::{Failure, OrFail, Outcome};
+use crate::failure::{OrFail, Outcome};
 use crate::progress::Progress;
 use evaluate::{Lpips, render_view};
 use gs_raster::Rasterizer;
@@ -220,7 +220,7 @@ fn batch(
         ..sparsesplat::Config::default()
     };
     let begin = Instant::now();
-    let prediction = predict(&views, &config, &mut |_| {}).map_err(Failure::sorted)?;
+    let prediction = predict(&views, &config, &mut |_| {}).or_work()?;
     Ok((prediction.gaussians, prediction.head, begin.elapsed().as_secs_f64()))
 }
 

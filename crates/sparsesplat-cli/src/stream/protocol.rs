@@ -43,8 +43,8 @@ pub(super) enum Fault {
     NoHeader,
     #[error("header {text:?}")]
     Header { text: String, source: serde_json::Error },
-    #[error("frame {name}: {found} bytes after the header, expected {expected} for {width}x{height}{depth}", depth = if *.depth { " with depth" } else { "" })]
-    Length { name: String, found: usize, expected: usize, width: usize, height: usize, depth: bool },
+    #[error("frame {name}: {found} bytes after the header, expected {expected} for {width}x{height}{with}")]
+    Length { name: String, found: usize, expected: usize, width: usize, height: usize, with: &'static str },
     #[error("frame {name}")]
     Scene { name: String, source: gs_scene::Error },
 }
@@ -80,7 +80,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Frame, Fault> {
     let colours = pixels.saturating_mul(3);
     let expected = colours.saturating_add(if depth { pixels.saturating_mul(4) } else { 0 });
     if rest.len() != expected {
-        return Err(Fault::Length { name, found: rest.len(), expected, width, height, depth });
+        let with = if depth { " with depth" } else { "" };
+        return Err(Fault::Length { name, found: rest.len(), expected, width, height, with });
     }
     let make = || -> gs_scene::Result<View> {
         let intrinsics = Intrinsics { fx: fl_x, fy: fl_y, cx, cy, width, height };
