@@ -3,11 +3,15 @@
 use crate::{Config, Error, Result};
 use depth_backbone::{DepthRange, ViewGeometry};
 use entropy_sampler::{EntropyWindow, ImportanceMap, Probability};
-use gs_scene::{Gaussians, View};
+use gs_scene::{DepthMap, Gaussians, View};
 use sparsesplat::{Allocation, Backbone, Budget, Exposure, Head, Sampler, predict_from};
 
 /// Open pixels per Gaussian at the most: walls of one colour have no entropy, and are to be shown too.
 const PIXELS: usize = 400;
+/// z-depth of the backdrop over the farthest that was measured: in front of that it would hide what lies there.
+const BEHIND: f64 = 1.6;
+/// Confidence of the backdrop: below that of anything measured.
+const UNMEASURED: f32 = 0.1;
 /// Neighbours that each anchor gathers; as in sparsesplat's defaults.
 const NEIGHBOURS: usize = 20;
 
@@ -56,4 +60,23 @@ pub(crate) fn draw(
     };
     let (views, geometries) = (std::slice::from_ref(view), std::slice::from_ref(&geometry));
     Ok(predict_from(views, geometries, range, &pass, &mut |_| {}).map_err(failed)?.gaussians)
+}
+
+/// A backdrop for open pixels without depth, behind all that the keyframe measured: what lies there is too far, too near or too dark to
+/// be measured. What later keyframes measure in front of it hides it.
+pub(crate) fn backdrop(
+    view: &View,
+    geometry: &ViewGeometry,
+    range: (f64, f64),
+    open: &[bool],
+    config: &Config,
+    most: usize,
+) -> Result<Gaussians> {
+    let (width, height) = (geometry.depth.width(), geometry.depth.height());
+    let depth = vec![(range.1 * BEHIND) as f32; width * height];
+    let confidence: Vec<f32> =
+        geometry.depth.data().iter().map(|&depth| if depth > 0.0 { 0.0 } else { UNMEASURED }).collect();
+    let depth = DepthMap::new(width, height, depth)?;
+    let flat = ViewGeometry { depth, confidence, features: None, gaussians: None };
+    draw(view, flat, range, open, config, most)
 }

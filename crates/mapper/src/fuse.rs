@@ -145,6 +145,23 @@ pub(crate) fn fuse(map: &mut Map, observation: &Observation<'_>) -> Fused {
     fused
 }
 
+/// Adds the mean colour error of the keyframe, where they are visible, to the colours of the newest `count` Gaussians. `shares` and
+/// `by_colour` are those of an [`Observation`].
+pub(crate) fn recolour(map: &mut Map, count: usize, shares: &[[f32; 2]], by_colour: &[f32]) {
+    let first = map.len() - count;
+    let sh = &mut map.gaussians.buffers_mut().1[first * 3..];
+    for ((sh, by), [mass, _]) in
+        sh.chunks_exact_mut(3).zip(by_colour[first * 3..].chunks_exact(3)).zip(&shares[first..])
+    {
+        if *mass >= VISIBLE {
+            for (sh, by) in sh.iter_mut().zip(by) {
+                let step = by / (SH_C0 * mass);
+                *sh += step.clamp(-SAME_COLOUR, SAME_COLOUR) / SH_C0;
+            }
+        }
+    }
+}
+
 /// What a keyframe says of a Gaussian that is visible.
 enum Verdict {
     /// There is a surface; the Gaussian's z-depth.

@@ -2,8 +2,8 @@
 
 use crate::compare::{Pixel, classify, wrong_colours};
 use crate::covisibility::Footprint;
-use crate::draw::draw;
-use crate::fuse::{Fused, Observation, error, fuse, inverse_depths};
+use crate::draw::{backdrop, draw};
+use crate::fuse::{Fused, Observation, error, fuse, inverse_depths, recolour};
 use crate::keyframes::{Keyframe, Keyframes};
 use crate::look::Look;
 use crate::map::Map;
@@ -231,9 +231,15 @@ impl Mapper {
         let open_share = open.iter().filter(|open| **open).count() as f64 / open.len() as f64;
         let footprint = Footprint::new(camera, geometry.depth.data());
         let most = (self.map.most / 2).max(1);
-        let new = draw(view, geometry, range, &open, &self.config, most)?;
+        let back = match self.config.depth {
+            Depth::Measured => backdrop(view, &geometry, range, &open, &self.config, most / 4)?,
+            Depth::Stereo => Gaussians::empty(0)?,
+        };
+        let mut new = draw(view, geometry, range, &open, &self.config, most - back.len())?;
+        new.append(&back);
         let reduced = make_room(&mut self.map, new.len())?;
         self.map.append(&new, camera);
+        self.recolour(view, new.len())?;
         self.keyframes.push(Keyframe::new(view, footprint), self.config.kept);
         self.refine()?;
         Ok(Outcome::Keyframe(Integrated {
@@ -291,8 +297,7 @@ impl Mapper {
         let settings = self.settings(camera);
         let rendered = self.rasterizer.render(&self.map.gaussians, camera, &settings)?;
         let pixels = classify(&rendered.alpha, &rendered.depth.unwrap_or_default(), geometry, tolerance);
-        let error: Vec<f32> =
-            view.image().data().iter().zip(rendered.image.data()).map(|(a, b)| a - b).collect();
+        let error = difference(view, rendered.image.data());
         let wrong = wrong_colours(&error, camera.width());
         let is_open = |((pixel, wrong), i): ((&Pixel, bool), usize)| match pixel {
             Pixel::Thin | Pixel::Before => true,
@@ -300,6 +305,25 @@ impl Mapper {
             Pixel::Through | Pixel::Unknown => false,
         };
         Ok(pixels.iter().zip(wrong).zip(0..).map(is_open).collect())
+    }
+
+    /// Brings the colours of the newest `count` Gaussians to what their keyframe shows where they are visible: blended with those
+    /// before and behind them, they look different from the cells that they are made of.
+    fn recolour(&mut self, view: &View, count: usize) -> Result<()> {
+        if count == 0 {
+            return Ok(());
+        }
+        let camera = view.camera();
+        let settings = RenderSettings { depth: false, ..self.settings(camera) };
+        let (rendered, tape) =
+            self.rasterizer.record(&self.map.gaussians, std::slice::from_ref(camera), &settings)?;
+        let image = difference(view, rendered[0].image.data());
+        let zero = vec![0.0; camera.width() * camera.height()];
+        let gradients = [PixelGradients { image, alpha: None, depth: None }];
+        let (gradients, shares) =
+            self.rasterizer.backward_with_shares(&self.map.gaussians, &tape, &gradients, &[zero])?;
+        recolour(&mut self.map, count, &shares, &gradients.sh);
+        Ok(())
     }
 
     /// A few gradient steps on the newest keyframe and old ones.
@@ -347,6 +371,11 @@ impl Mapper {
         sh.copy_from_slice(refined.gaussians.sh());
         Ok(())
     }
+}
+
+/// Photograph less rendering.
+fn difference(view: &View, rendered: &[f32]) -> Vec<f32> {
+    view.image().data().iter().zip(rendered).map(|(a, b)| a - b).collect()
 }
 
 /// The backbone of measured depth.

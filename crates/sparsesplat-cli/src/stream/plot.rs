@@ -1,7 +1,6 @@
 //! Gaussians, memory and latency over the frames.
 
 use super::measure::Row;
-use plotters::prelude::*;
 use report_parts::chart::{
     COLOURS, Names, SIZE, axes, beside, chart_on, legend, line, marks, range, style, svg,
 };
