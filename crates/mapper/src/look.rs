@@ -52,10 +52,10 @@ impl Look {
         let known = |i: usize| rendering.alpha[i] >= THIN && rendered[i] > 0.0;
         let (mut thin, mut all) = (0_usize, 0_usize);
         let mut depths = Vec::new();
-        for i in 0..width * height {
+        for (i, &rendered) in rendered.iter().enumerate() {
             let is_known = known(i);
             if is_known {
-                depths.push(rendered[i]);
+                depths.push(rendered);
             }
             let is_thin = match measured {
                 None => !is_known,
@@ -66,7 +66,7 @@ impl Look {
                     if z <= 0.0 {
                         continue;
                     }
-                    !is_known || (rendered[i] / z - 1.0).abs() > OTHER_DEPTH
+                    !is_known || (rendered / z - 1.0).abs() > OTHER_DEPTH
                 }
             };
             all += 1;
