@@ -24,6 +24,7 @@ Commands of the product (built in release, arguments passed on; each has --help)
   demo         simulate a scene, reconstruct it, render views it never saw, write a report
   reconstruct  photographs to a 3D Gaussian scene
   poses        photographs or a video to a data set with camera poses
+  stream       posed frames as they come to a map that never exceeds a cap
   render       a scene to pictures
   convert      a scene to another file format
   view         a scene to a page that shows it in the browser
@@ -53,10 +54,11 @@ Checks for developers:
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 16] = [
+const FORWARDED: [&str; 17] = [
     "demo",
     "reconstruct",
     "poses",
+    "stream",
     "render",
     "convert",
     "view",

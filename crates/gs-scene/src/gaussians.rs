@@ -122,6 +122,22 @@ impl Gaussians {
         self.sh.extend_from_slice(&other.sh);
     }
 
+    /// Keeps the Gaussians for whose index `keep` is true, in their order; no buffer is given back.
+    pub fn retain(&mut self, mut keep: impl FnMut(usize) -> bool) {
+        let numbers = sh_coefficients(self.sh_degree) * 3;
+        let mut kept = 0;
+        for i in 0..self.len() {
+            if keep(i) {
+                self.geometry
+                    .copy_within(i * Self::GEOMETRY..(i + 1) * Self::GEOMETRY, kept * Self::GEOMETRY);
+                self.sh.copy_within(i * numbers..(i + 1) * numbers, kept * numbers);
+                kept += 1;
+            }
+        }
+        self.geometry.truncate(kept * Self::GEOMETRY);
+        self.sh.truncate(kept * numbers);
+    }
+
     /// The same Gaussians with SH coefficients up to `degree`, new ones 0; as they are if they have that many.
     ///
     /// # Errors
@@ -184,6 +200,22 @@ mod tests {
         assert!(Gaussians::new(0, vec![0.0; 12], vec![0.0; 3]).is_err());
         assert!(Gaussians::new(1, vec![0.0; 11], vec![0.0; 3]).is_err());
         assert_eq!(Gaussians::new(1, vec![0.0; 22], vec![0.0; 24]).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn those_that_are_kept_stay_in_order() {
+        let mut scene = Gaussians::empty(0).unwrap();
+        for i in 0..5 {
+            scene.push([i as f32; 3], [1.0, 0.0, 0.0, 0.0], [0.0; 3], 0.0, &[i as f32; 3]);
+        }
+        scene.retain(|i| i % 2 == 0);
+        let means: Vec<f32> = scene.geometry().chunks_exact(Gaussians::GEOMETRY).map(|row| row[0]).collect();
+        assert_eq!(
+            (means, scene.sh()),
+            (vec![0.0, 2.0, 4.0], &[0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 4.0, 4.0, 4.0][..])
+        );
+        scene.retain(|_| false);
+        assert!(scene.is_empty() && scene.sh().is_empty());
     }
 
     #[test]

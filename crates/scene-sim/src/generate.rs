@@ -1,6 +1,7 @@
 //! Generated scenes: rooms, desks, shelves, facades, gardens and woods, each with the path of a camera that sees it well.
 
 mod desk;
+mod dwelling;
 mod facade;
 mod form;
 mod furniture;
@@ -26,6 +27,7 @@ use crate::{Scene, Sky, Sun, Trajectory};
 use serde::{Deserialize, Serialize};
 use set::Set;
 
+pub use dwelling::generate_dwelling;
 pub use wild::generate_in_the_wild;
 
 /// Kinds of scenes that [`generate`] makes.

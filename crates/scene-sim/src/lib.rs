@@ -27,7 +27,7 @@ mod varied;
 pub use demo::{demo_cameras, demo_scene};
 pub use error::{Error, MeshRule, Result};
 pub use exr_files::{write_exr_depth, write_exr_rgb};
-pub use generate::{Kind, generate, generate_any, generate_in_the_wild};
+pub use generate::{Kind, generate, generate_any, generate_dwelling, generate_in_the_wild};
 pub use light::{Lamp, Occlusion, Sky, Sun};
 pub use material::{Finish, Material, Pattern, Rgb};
 pub use mesh::{Mesh, MeshSource};

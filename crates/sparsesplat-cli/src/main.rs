@@ -24,6 +24,7 @@ mod reconstruct;
 mod render;
 mod simulate;
 mod source;
+mod stream;
 mod summary;
 mod sweep;
 mod tradeoff;
@@ -53,6 +54,7 @@ Start here:
   sparsesplat demo                                         simulate a scene and reconstruct it; nothing to download
   sparsesplat reconstruct PHOTOS --poses -o scene.ply      reconstruct your own photographs
   sparsesplat poses PHOTOS|VIDEO -o SCENE                  estimate camera poses alone
+  sparsesplat stream FRAMES --cap 200k -o map.ply          map posed frames as they come
   sparsesplat render scene.ply --cameras PHOTOS -o out     render a scene
   sparsesplat convert scene.ply scene.spz                  change the file format of a scene
   sparsesplat view scene.ply --cameras PHOTOS              write a page that shows a scene in the browser
@@ -72,6 +74,7 @@ enum Command {
     Demo(demo::Arguments),
     Reconstruct(reconstruct::Arguments),
     Poses(poses::Arguments),
+    Stream(stream::Arguments),
     Render(render::Arguments),
     Convert(convert::Arguments),
     View(view::Arguments),
@@ -112,6 +115,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Demo(arguments) => demo::run(arguments, common),
         Command::Reconstruct(arguments) => reconstruct::run(arguments, common),
         Command::Poses(arguments) => poses::run(arguments, common),
+        Command::Stream(arguments) => stream::run(arguments, common),
         Command::Render(arguments) => render::run(arguments, common),
         Command::Convert(arguments) => convert::run(arguments, common),
         Command::View(arguments) => view::run(arguments, common),

@@ -10,7 +10,9 @@ use clap::{Args, ValueEnum};
 use evaluate::{Recipe, peak_rss_bytes};
 use gs_scene::Camera;
 use report_parts::count;
-use scene_sim::{Kind, Photographs, RayCounts, Scene, Traced, generate, generate_in_the_wild};
+use scene_sim::{
+    Kind, Photographs, RayCounts, Scene, Traced, generate, generate_dwelling, generate_in_the_wild,
+};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -88,6 +90,8 @@ enum KindName {
     Garden,
     /// Trees and glades from the air
     Wood,
+    /// Four rooms, with a path through all of them that goes round twice
+    Dwelling,
 }
 
 /// Layouts that are written.
@@ -162,6 +166,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     if arguments.format == FormatName::Replica && arguments.pictures != PictureName::Jpeg {
         common.given.refuse(&["pictures"], "pictures of the layout replica are JPEG files")?;
     }
+    if arguments.kind == Some(KindName::Dwelling) {
+        common.given.refuse(&["in-the-wild"], "a dwelling is photographed in one way")?;
+    }
     let jobs = jobs(arguments)?;
     if let (Some(path), [job]) = (&arguments.write_scene, jobs.as_slice()) {
         let described = Scene { photographs: Some(job.photographs.clone()), ..job.scene.clone() };
@@ -220,6 +227,11 @@ fn jobs(arguments: &Arguments) -> Outcome<Vec<Job>> {
         None => {
             let first = arguments.seed.unwrap_or_default();
             for seed in first..first.saturating_add(arguments.scenes as u64) {
+                if arguments.kind == Some(KindName::Dwelling) {
+                    let (name, scene) = (format!("dwelling-{seed}"), generate_dwelling(seed));
+                    jobs.push(job(arguments, name, scene, PathBuf::new(), seed)?);
+                    continue;
+                }
                 let (of_seed, generate, wild) = if arguments.in_the_wild {
                     (
                         Kind::of_seed_in_the_wild as fn(u64) -> Kind,
@@ -229,7 +241,7 @@ fn jobs(arguments: &Arguments) -> Outcome<Vec<Job>> {
                 } else {
                     (Kind::of_seed as _, generate as _, "")
                 };
-                let kind = arguments.kind.map_or_else(|| of_seed(seed), KindName::kind);
+                let kind = arguments.kind.and_then(KindName::kind).unwrap_or_else(|| of_seed(seed));
                 let scene = generate(kind, seed);
                 let name = format!("{wild}{}-{seed}", kind.name());
                 jobs.push(job(arguments, name, scene, PathBuf::new(), seed)?);
@@ -326,14 +338,16 @@ const FRAMES_PER_WINDOW: usize = 40;
 const CONTEXT: usize = 6;
 
 impl KindName {
-    fn kind(self) -> Kind {
+    /// None of a dwelling, which has a generator of its own.
+    fn kind(self) -> Option<Kind> {
         match self {
-            Self::Room => Kind::Room,
-            Self::Desk => Kind::Desk,
-            Self::Shelves => Kind::Shelves,
-            Self::Facade => Kind::Facade,
-            Self::Garden => Kind::Garden,
-            Self::Wood => Kind::Wood,
+            Self::Room => Some(Kind::Room),
+            Self::Desk => Some(Kind::Desk),
+            Self::Shelves => Some(Kind::Shelves),
+            Self::Facade => Some(Kind::Facade),
+            Self::Garden => Some(Kind::Garden),
+            Self::Wood => Some(Kind::Wood),
+            Self::Dwelling => None,
         }
     }
 }

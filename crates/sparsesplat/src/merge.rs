@@ -17,7 +17,7 @@ mod cluster;
 mod covariance;
 
 use crate::Result;
-use cluster::Cluster;
+pub use cluster::Cluster;
 use gs_scene::{Gaussians, OPACITY_LOGIT, sh_coefficients, sigmoid};
 use rayon::prelude::*;
 

@@ -15,7 +15,7 @@ const AISLE: f64 = 1.15;
 
 /// What stands at a wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Piece {
+pub(crate) enum Piece {
     Sofa,
     Bed,
     Bookcase,
@@ -54,7 +54,7 @@ pub(crate) fn openings(random: &mut Random, shell: &mut Shell, windows: u32) {
 
 impl Set {
     /// Fills the stretch `from..to` of a wall with pieces of furniture.
-    fn line(
+    pub(crate) fn line(
         &mut self,
         wall: &Wall,
         height: f64,

@@ -17,6 +17,7 @@ mod outputs;
 mod paper;
 mod poses;
 mod settings;
+mod streaming;
 mod tiny;
 mod tradeoff;
 mod training;

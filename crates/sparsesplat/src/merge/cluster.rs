@@ -16,17 +16,17 @@ pub(super) const SPREAD: f64 = 1.7;
 /// Smallest ratio of two standard deviations.
 const SMALLEST_ASPECT: f64 = 1e-4;
 
-/// Gaussians that have become one.
+/// Gaussians that have become one: their moments, weighted by optical mass, -ln(1 - opacity) times the area of the disc.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Cluster {
+pub struct Cluster {
     /// Optical mass, scene units².
-    pub(super) mass: f64,
+    pub mass: f64,
     /// The same in pixels where it is: what it weighs in a picture.
     pub(super) weight: f64,
     /// Mean by mass, world axes, scene units.
-    pub(super) mean: DVec3,
+    pub mean: DVec3,
     /// Second central moments by mass, scene units².
-    pub(super) covariance: DMat3,
+    pub covariance: DMat3,
     /// How many they are.
     pub(super) members: u32,
 }
@@ -49,8 +49,9 @@ pub(super) fn cost(a: (&Cluster, [f32; 3]), b: (&Cluster, [f32; 3]), patch: f64)
 }
 
 impl Cluster {
-    /// One Gaussian, which stands for a patch `width` wide.
-    pub(super) fn new(row: &[f32], width: f32) -> Self {
+    /// One Gaussian, the row of its geometry, which stands for a patch whose pixels are `width` wide, scene units.
+    #[must_use]
+    pub fn new(row: &[f32], width: f32) -> Self {
         let [first, second, third] = [0, 1, 2].map(|i| f64::from(row[LOG_SCALE.start + i]));
         let thinnest = first.min(second).min(third);
         let mass = (optical_depth(row[OPACITY_LOGIT]).ln() + first + second + third - thinnest).exp();
@@ -64,7 +65,8 @@ impl Cluster {
     }
 
     /// Both as one, with their moments.
-    pub(super) fn joined(&self, other: &Self) -> Self {
+    #[must_use]
+    pub fn joined(&self, other: &Self) -> Self {
         let mass = self.mass + other.mass;
         let (p, q) = (self.mass / mass, other.mass / mass);
         let step = other.mean - self.mean;
@@ -86,18 +88,27 @@ impl Cluster {
             let q = &row[QUATERNION];
             return gaussians.push(mean, [q[0], q[1], q[2], q[3]], scale, row[OPACITY_LOGIT], sh);
         }
+        let row = self.row(SPREAD);
+        let [mean, scale] = [&row[MEAN], &row[LOG_SCALE]].map(|part| [part[0], part[1], part[2]]);
+        let q = &row[QUATERNION];
+        gaussians.push(mean, [q[0], q[1], q[2], q[3]], scale, row[OPACITY_LOGIT], sh);
+    }
+
+    /// The Gaussian with these moments, as the row of its geometry, its variances times `spread`.
+    #[must_use]
+    pub fn row(&self, spread: f64) -> [f32; Gaussians::GEOMETRY] {
         let (rotation, variances) = axes(self.covariance);
         let wide = variances[0].sqrt().max(f64::from(f32::MIN_POSITIVE));
         let deviations = variances.map(|v| v.sqrt().max(SMALLEST_ASPECT * wide));
         let depth = self.mass / (deviations[0] * deviations[1]);
         let opacity = (-(-depth).exp_m1()).clamp(SMALLEST_OPACITY, LARGEST_OPACITY);
-        gaussians.push(
-            self.mean.as_vec3().to_array(),
-            [rotation.w, rotation.x, rotation.y, rotation.z].map(|v| v as f32),
-            deviations.map(|s| ((SPREAD.sqrt() * s) as f32).max(f32::MIN_POSITIVE).ln()),
-            (opacity / (1.0 - opacity)).ln() as f32,
-            sh,
-        );
+        let mut row = [0.0; Gaussians::GEOMETRY];
+        row[MEAN].copy_from_slice(&self.mean.as_vec3().to_array());
+        row[QUATERNION].copy_from_slice(&[rotation.w, rotation.x, rotation.y, rotation.z].map(|v| v as f32));
+        row[LOG_SCALE]
+            .copy_from_slice(&deviations.map(|s| ((spread.sqrt() * s) as f32).max(f32::MIN_POSITIVE).ln()));
+        row[OPACITY_LOGIT] = (opacity / (1.0 - opacity)).ln() as f32;
+        row
     }
 }
 

@@ -1,0 +1,84 @@
+//! New Gaussians of the pixels that the map does not show.
+
+use crate::{Config, Error, Result};
+use depth_backbone::{DepthRange, ViewGeometry};
+use entropy_sampler::{EntropyWindow, ImportanceMap, Probability};
+use gs_scene::{DepthMap, Gaussians, View};
+use sparsesplat::{Allocation, Backbone, Budget, Exposure, Geometry, Head, Predictor, Sampler};
+
+/// Open pixels per Gaussian at the most: walls of one colour have no entropy, and are to be shown too.
+const PIXELS: usize = 400;
+/// z-depth of the backdrop over the farthest that was measured: in front of that it would hide what lies there.
+const BEHIND: f64 = 1.6;
+/// Confidence of the backdrop: below that of anything measured.
+const UNMEASURED: f32 = 0.1;
+/// Neighbours that each anchor gathers; as in sparsesplat's defaults.
+const NEIGHBOURS: usize = 20;
+
+/// The closed form of pixels that are drawn by entropy where `open` is true, `most` at the most.
+///
+/// Pixels are closed by taking away their confidence: neither are they drawn, nor does a drawn pixel stand for them.
+pub(crate) fn draw(
+    view: &View,
+    mut geometry: ViewGeometry,
+    range: (f64, f64),
+    open: &[bool],
+    config: &Config,
+    most: usize,
+) -> Result<Gaussians> {
+    let failed = |source: sparsesplat::Error| Error::Predict { frame: view.name().to_owned(), source };
+    for (confidence, _) in geometry.confidence.iter_mut().zip(open).filter(|(_, open)| !**open) {
+        *confidence = 0.0;
+    }
+    let depths = geometry.depth.data().iter().zip(&geometry.confidence);
+    let weights: Vec<f32> =
+        depths.map(|(&depth, &confidence)| f32::from(u8::from(depth > 0.0 && confidence > 0.0))).collect();
+    let usable = weights.iter().filter(|weight| **weight > 0.0).count();
+    if usable == 0 || most == 0 {
+        return Ok(Gaussians::empty(0)?);
+    }
+    let (width, height) = (view.image().width(), view.image().height());
+    let expected = || {
+        let map = ImportanceMap::entropy(&view.image().luma8(), width, height, EntropyWindow::default())?;
+        Ok::<_, entropy_sampler::Error>(
+            Probability::from_tau(config.tau)?.expected(&[map.with_weights(weights)?]),
+        )
+    };
+    let expected = expected().map_err(|source| failed(source.into()))?.round() as usize;
+    let count = expected.max(usable.div_ceil(PIXELS)).min(most);
+    let pass = sparsesplat::Config {
+        backbone: Backbone::GivenDepth,
+        depth_range: DepthRange::Estimate,
+        allocation: Allocation::Entropy,
+        sampler: Sampler::Fixed,
+        budget: Budget::Gaussians(count),
+        neighbours: NEIGHBOURS,
+        head: Head::ClosedForm,
+        far_shell: false,
+        exposure: Exposure::Common,
+        seed: config.seed,
+    };
+    let geometry = Geometry { views: vec![geometry], depth_range: range };
+    let predicted = Predictor::new(pass)
+        .and_then(|predictor| predictor.predict_from(std::slice::from_ref(view), &geometry, &mut |_| {}));
+    Ok(predicted.map_err(failed)?.gaussians)
+}
+
+/// A backdrop for open pixels without depth, behind all that the keyframe measured: what lies there is too far, too near or too dark to
+/// be measured. What later keyframes measure in front of it hides it.
+pub(crate) fn backdrop(
+    view: &View,
+    geometry: &ViewGeometry,
+    range: (f64, f64),
+    open: &[bool],
+    config: &Config,
+    most: usize,
+) -> Result<Gaussians> {
+    let (width, height) = (geometry.depth.width(), geometry.depth.height());
+    let depth = vec![(range.1 * BEHIND) as f32; width * height];
+    let confidence: Vec<f32> =
+        geometry.depth.data().iter().map(|&depth| if depth > 0.0 { 0.0 } else { UNMEASURED }).collect();
+    let depth = DepthMap::new(width, height, depth)?;
+    let flat = ViewGeometry { depth, confidence, features: None, gaussians: None };
+    draw(view, flat, range, open, config, most)
+}
