@@ -271,7 +271,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             }
             unsaved += 1;
         }
-        rows.push(Row::new(update, rss));
+        rows.push(Row::new(&update, rss));
         if let (Some(path), true) = (&snapshot, unsaved >= arguments.snapshot_every) {
             mapper.snapshot().write(path).or_work()?;
             unsaved = 0;

@@ -168,8 +168,8 @@ impl Scene {
 /// recognised by its first bytes. What is in the file and not read is a `UserWarning`.
 #[pyfunction]
 pub(crate) fn load_ply(py: Python<'_>, path: PathBuf) -> PyResult<Scene> {
-    let file = path.clone();
-    let read = py.detach(move || read_scene(&file)).or_raise()?;
+    let (read, path) = py.detach(move || (read_scene(&path), path));
+    let read = read.or_raise()?;
     for remark in &read.remarks {
         let text = CString::new(format!("{}: {remark}", path.display()))?;
         PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)?;

@@ -33,7 +33,7 @@ pub(super) struct Row {
 }
 
 impl Row {
-    pub(super) fn new(update: Update, rss_bytes: Option<u64>) -> Self {
+    pub(super) fn new(update: &Update, rss_bytes: Option<u64>) -> Self {
         Self {
             frame: update.frame,
             seconds: update.seconds,
