@@ -113,7 +113,7 @@ fn whole_numbers_are_the_same() {
             ITEMS < 1 << 4
                 && ITEMS << SORT_DIGIT_BITS < 1 << 8
                 && WORKGROUP.is_multiple_of(1 << SORT_DIGIT_BITS)
-        )
+        );
     };
     assert!([VISIBLE, REJECTED, N_PAIRS].iter().all(|&slot| (slot as usize) < N_COUNTERS));
 }
