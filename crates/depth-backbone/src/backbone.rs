@@ -36,10 +36,9 @@ pub enum Wanted {
 }
 
 /// Where a network is computed. Each but the CPU needs the Cargo feature of its name, and its first device is taken.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NetworkDevice {
     /// The processor.
-    #[default]
     Cpu,
     /// A graphics card of NVIDIA's.
     Cuda,

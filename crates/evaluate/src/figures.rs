@@ -8,7 +8,8 @@ use sparsesplat::{Counts, ExposureGain, Stage, StageSeconds};
 /// Wall time, seconds, by stage. A stage that did not run took 0.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seconds {
-    /// Reading, undistorting and resizing photographs.
+    /// Reading, undistorting and resizing photographs; of `reconstruct` also reading weights. Where several windows are run, weights are
+    /// read once before them, in no window's time.
     pub load: f64,
     /// The stages of the pass.
     #[serde(flatten)]

@@ -57,7 +57,7 @@ impl Config {
                 "bytes",
                 self.bytes.unwrap_or(BYTES) as f64,
                 self.bytes.is_none_or(|bytes| bytes >= BYTES),
-                "at least those of one Gaussian (68)",
+                "at least those of one Gaussian",
             ),
             ("tau", self.tau, self.tau > 0.0 && self.tau.is_finite(), "a finite number above 0"),
             ("window", self.window as f64, (2..=8).contains(&self.window), "2 to 8"),

@@ -1,10 +1,10 @@
 //! New Gaussians of the pixels that the map does not show.
 
 use crate::{Config, Error, Result};
-use depth_backbone::{DepthRange, ViewGeometry};
+use depth_backbone::ViewGeometry;
 use entropy_sampler::{EntropyWindow, ImportanceMap, Probability};
 use gs_scene::{DepthMap, Gaussians, View};
-use sparsesplat::{Allocation, Backbone, Budget, Exposure, Geometry, Head, Predictor, Sampler};
+use sparsesplat::{Backbone, Budget, Exposure, Geometry, Head, Predictor};
 
 /// Open pixels per Gaussian at the most: walls of one colour have no entropy, and are to be shown too.
 const PIXELS: usize = 400;
@@ -12,8 +12,6 @@ const PIXELS: usize = 400;
 const BEHIND: f64 = 1.6;
 /// Confidence of the backdrop: below that of anything measured.
 const UNMEASURED: f32 = 0.1;
-/// Neighbours that each anchor gathers; as in sparsesplat's defaults.
-const NEIGHBOURS: usize = 20;
 
 /// The closed form of pixels that are drawn by entropy where `open` is true, `most` at the most.
 ///
@@ -48,15 +46,12 @@ pub(crate) fn draw(
     let count = expected.max(usable.div_ceil(PIXELS)).min(most);
     let pass = sparsesplat::Config {
         backbone: Backbone::GivenDepth,
-        depth_range: DepthRange::Estimate,
-        allocation: Allocation::Entropy,
-        sampler: Sampler::Fixed,
         budget: Budget::Gaussians(count),
-        neighbours: NEIGHBOURS,
         head: Head::ClosedForm,
         far_shell: false,
         exposure: Exposure::Common,
         seed: config.seed,
+        ..sparsesplat::Config::default()
     };
     let geometry = Geometry { views: vec![geometry], depth_range: range };
     let predicted = Predictor::new(pass)

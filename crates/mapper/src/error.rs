@@ -45,14 +45,24 @@ pub enum Error {
         source: KeptFault,
     },
     /// A snapshot whose parts do not fit each other.
-    #[error("snapshot of a map: {what} is {found}, expected {expected}")]
+    #[error("{}: snapshot of a map: {what} is {found}, expected {expected}", path.display())]
     Inconsistent {
+        /// The file.
+        path: PathBuf,
         /// Which part.
         what: &'static str,
         /// Its value.
         found: usize,
         /// What the rest says.
         expected: usize,
+    },
+    /// A snapshot with settings that no mapper takes.
+    #[error("{}: snapshot of a map", path.display())]
+    SnapshotSettings {
+        /// The file.
+        path: PathBuf,
+        /// Which setting.
+        source: Box<Error>,
     },
 }
 

@@ -55,7 +55,7 @@ pub struct Mapper {
     pub(crate) latest_time: Option<f64>,
     /// Camera of the last frame, and of the last one that was not refused.
     pub(crate) last: [Option<Camera>; 2],
-    rasterizer: Rasterizer,
+    pub(crate) rasterizer: Rasterizer,
 }
 
 impl Mapper {
@@ -389,19 +389,4 @@ fn refusal_by_content(view: &View, depth: Depth) -> Option<Refusal> {
     let mean = luma.iter().map(|&v| f64::from(v)).sum::<f64>() / luma.len() as f64;
     let variance = luma.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / luma.len() as f64;
     (variance < CONTRAST * CONTRAST).then_some(Refusal::NoContrast)
-}
-
-impl Mapper {
-    /// A mapper from its parts.
-    pub(crate) fn from_parts(
-        config: Config,
-        map: Map,
-        keyframes: Keyframes,
-        waiting: Vec<Keyframe>,
-        frames: usize,
-        latest_time: Option<f64>,
-        last: [Option<Camera>; 2],
-    ) -> Self {
-        Self { config, map, keyframes, waiting, frames, latest_time, last, rasterizer: Rasterizer::cpu() }
-    }
 }

@@ -5,14 +5,12 @@ use crate::map::{Map, mean};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Gaussians, LOG_SCALE, QUATERNION, rgb_from_dc};
 use rayon::prelude::*;
-use sparsesplat::Cluster;
+use sparsesplat::{COLOUR_SCALE, Cluster};
 
 /// Of every Gaussian that must go, so many of the least worth are candidates.
 const CANDIDATES: usize = 6;
 /// Neighbours among the candidates of which the cheapest is the partner.
 const NEIGHBOURS: usize = 6;
-/// Colour difference (Euclidean, RGB 0..1) that weighs as much as the distance of one standard deviation; as in sparsesplat's merging.
-const COLOUR_SCALE: f32 = 0.12;
 /// Cosine of the largest angle between the normals of two that are merged: 45 degrees.
 const SAME_NORMAL: f64 = 0.7;
 /// What evicting a Gaussian costs per pixel of its worth, in the unit of a merge: as much as a merge of two that are equally large, three

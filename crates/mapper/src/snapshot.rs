@@ -4,6 +4,7 @@ use crate::covisibility::{Footprint, POINTS};
 use crate::keyframes::{Keyframe, Keyframes};
 use crate::map::{Evidence, Map};
 use crate::{Config, Error, Mapper, Result};
+use gs_raster::Rasterizer;
 use gs_scene::{Camera, Gaussians};
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
@@ -105,14 +106,18 @@ impl Mapper {
     pub fn resume(path: &Path) -> Result<Self> {
         let fault = |source| Error::Snapshot { path: path.to_path_buf(), source };
         let (header, kept): (Header, Kept) = Kept::read(path, KIND).map_err(fault)?;
-        header.config.check()?;
+        header
+            .config
+            .check()
+            .map_err(|error| Error::SnapshotSettings { path: path.to_path_buf(), source: Box::new(error) })?;
         let rows = kept.tensor("geometry", Dtype::F32, 2).map_err(fault)?.map_or(0, |(shape, _)| shape[0]);
         let read = |name: &str, shape: &[usize]| -> Result<Vec<f32>> {
             Ok(singles(kept.expect(name, Dtype::F32, shape).map_err(fault)?))
         };
         let most = header.config.most();
         if rows > most {
-            return Err(Error::Inconsistent { what: "number of Gaussians", found: rows, expected: most });
+            let (path, what) = (path.to_path_buf(), "number of Gaussians");
+            return Err(Error::Inconsistent { path, what, found: rows, expected: most });
         }
         // Into buffers that have room for the whole map.
         let mut map = Map::new(most)?;
@@ -147,15 +152,16 @@ impl Mapper {
         };
         let keyframes = Keyframes { kept: pictures("kept", &header.kept)?, footprints, count: header.count };
         let waiting = pictures("waiting", &header.waiting)?;
-        Ok(Self::from_parts(
-            header.config,
+        Ok(Self {
+            config: header.config,
             map,
             keyframes,
             waiting,
-            header.frames,
-            header.latest_time,
-            header.last,
-        ))
+            frames: header.frames,
+            latest_time: header.latest_time,
+            last: header.last,
+            rasterizer: Rasterizer::cpu(),
+        })
     }
 }
 

@@ -52,6 +52,13 @@ impl Random {
         low + self.bits() % (high - low + 1)
     }
 
+    /// Puts things into another order (Fisher and Yates).
+    pub(crate) fn shuffle<T>(&mut self, things: &mut [T]) {
+        for k in (1..things.len()).rev() {
+            things.swap(k, self.count(0, k as u32) as usize);
+        }
+    }
+
     /// One of the choices.
     pub(crate) fn pick<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[self.bits() as usize % choices.len()]

@@ -63,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
     output::check_folder(&arguments.output)?;
     let method = arguments.pipeline.method(arguments.seed, &common.given)?;
-    let runner = Runner::new(method.clone()).map_err(Failure::sorted)?;
+    let runner = Runner::on(method.clone(), device::of_networks(common.device)).map_err(Failure::sorted)?;
     let mut rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
     let progress = Progress::new(1);

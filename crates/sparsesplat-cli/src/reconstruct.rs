@@ -119,7 +119,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let format = output::scene_format(&arguments.output)?;
     let mut method = arguments.pipeline.method(arguments.seed, &common.given)?;
     method.predict.depth_range = plan.depth_range(method.predict.depth_range);
+    let begin = Instant::now();
     let runner = Runner::on(method.clone(), device::of_networks(common.device)).map_err(Failure::sorted)?;
+    let reading = begin.elapsed().as_secs_f64();
 
     // Nobody waits for a GPU that has nothing to do.
     let renders = arguments.report.is_some() || method.refine.is_some();
@@ -140,7 +142,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     output::write_scene(&arguments.output, format, gaussians, |loss| progress.warn(loss))?;
     let seconds = &mut outcome.figures.figures.seconds;
     seconds.write = begin.elapsed().as_secs_f64();
-    seconds.total += seconds.write + poses.as_ref().map_or(0.0, |poses| poses.seconds);
+    seconds.load += reading;
+    seconds.total += reading + seconds.write + poses.as_ref().map_or(0.0, |poses| poses.seconds);
 
     let peak = peak_rss_bytes();
     let recipe = crate::recipe(arguments.seed, &method);

@@ -246,7 +246,14 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
                 none.insert(begun)
             }
         };
-        let update = mapper.push(&frame).or_work()?;
+        let update = match mapper.push(&frame) {
+            Ok(update) => update,
+            // The map of the frames before is written all the same.
+            Err(error) => {
+                broken = Some(format!("frame {}: {:#}", frame.view.name(), anyhow::Error::from(error)));
+                break;
+            }
+        };
         let name = frame.view.name();
         if let Of::Refused(refusal) = &update.outcome {
             progress.warn(&format!("not used: frame {name}: {refusal}"));
@@ -254,8 +261,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         progress.say(says(&update, source.len()));
         let rss = measure::rss_bytes();
         if let Of::Keyframe(keyframe) = update.outcome {
-            let psnr_after = measure::psnr(mapper.map(), &frame.view, &mut viewer)?;
             if let Some(lines) = &mut lines {
+                let psnr_after = measure::psnr(mapper.map(), &frame.view, &mut viewer)?;
                 let line = Line {
                     frame: update.frame,
                     name,
@@ -348,11 +355,12 @@ fn finish(
         print_line(&format!("snapshot   {}", named(&path)));
     }
     if interrupted {
-        print_line("stopped    by Ctrl-C; --resume goes on from the snapshot");
+        let on = if snapshot_path(arguments).is_some() { "; --resume goes on from the snapshot" } else { "" };
+        print_line(&format!("stopped    by a signal{on}"));
     }
     let Some(path) = &common.json else { return Ok(()) };
     let record = Record {
-        recipe: crate::recipe(arguments.seed, *mapper.config()),
+        recipe: crate::recipe(mapper.config().seed, *mapper.config()),
         input: place(arguments),
         frames: rows.len() + bad,
         keyframes: mapper.keyframes(),

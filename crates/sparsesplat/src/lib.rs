@@ -28,7 +28,7 @@ pub use config::{Allocation, Backbone, Budget, Config, Exposure, Head};
 pub use depth_backbone::{DepthRange, Features, NetworkDevice, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};
-pub use merge::Cluster;
+pub use merge::{COLOUR_SCALE, Cluster};
 pub use prediction::{Counts, ExposureGain, Prediction};
 pub use predictor::Predictor;
 pub use stage::{Stage, StageSeconds, Stages};

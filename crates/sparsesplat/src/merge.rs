@@ -17,7 +17,7 @@ mod cluster;
 mod covariance;
 
 use crate::Result;
-pub use cluster::Cluster;
+pub use cluster::{COLOUR_SCALE, Cluster};
 use gs_scene::{Gaussians, OPACITY_LOGIT, sh_coefficients, sigmoid};
 use rayon::prelude::*;
 

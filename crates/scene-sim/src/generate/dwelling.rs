@@ -63,9 +63,7 @@ impl Set {
                 Piece::Desk,
                 Piece::FloorLamp,
             ];
-            for k in (1..more.len()).rev() {
-                more.swap(k, self.random.count(0, k as u32) as usize);
-            }
+            self.random.shuffle(&mut more);
             pieces.append(&mut more);
         }
         let height = shell.size.z;

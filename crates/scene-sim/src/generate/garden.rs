@@ -291,9 +291,7 @@ pub(crate) fn garden(set: &mut Set) -> Plan {
     }
     let far = half.y - if housed { 2.3 } else { 0.6 };
     let mut wanted = vec![0, 1, 2, 3, 4, 5, 6, 7, 8, 8, 9, 9, 3, 8, 1];
-    for k in (1..wanted.len()).rev() {
-        wanted.swap(k, set.random.count(0, k as u32) as usize);
-    }
+    set.random.shuffle(&mut wanted);
     for kind in wanted {
         let reach = [1.4, 0.75, 0.9, 0.9, 0.55, 1.2, 0.4, 0.9, 0.6, 0.45][kind];
         for _ in 0..12 {

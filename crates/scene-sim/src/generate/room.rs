@@ -318,9 +318,7 @@ pub(crate) fn room(set: &mut Set) -> Plan {
         Piece::Mirror,
         Piece::Plant,
     ];
-    for k in (1..pieces.len()).rev() {
-        pieces.swap(k, set.random.count(0, k as u32) as usize);
-    }
+    set.random.shuffle(&mut pieces);
     let half = 0.5 * size;
     // The last one is placed first.
     pieces.push(main);

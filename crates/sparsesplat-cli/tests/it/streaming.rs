@@ -56,15 +56,19 @@ fn send(to: &mut impl Write, bytes: &[u8]) {
 /// The command with standard input open.
 fn begun(folder: &TempDir, more: &[&str]) -> (Child, PathBuf) {
     let map = folder.path().join("map.ply");
-    let child = Command::new(env!("CARGO_BIN_EXE_sparsesplat"))
-        .args(["stream", "-", "-o", text(&map), "--cap", "2k", "--tau", "0.3"])
+    (listening(&map, &[&["--cap", "2k", "--tau", "0.3"], more].concat()), map)
+}
+
+/// The command with standard input open, and where its map goes.
+fn listening(map: &Path, more: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_sparsesplat"))
+        .args(["stream", "-", "-o", text(map)])
         .args(more)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .unwrap();
-    (child, map)
+        .unwrap()
 }
 
 fn ended(child: Child) -> Called {
@@ -299,12 +303,5 @@ fn an_interrupt_writes_map_and_snapshot_and_a_kill_leaves_the_last_snapshot() {
 #[cfg(unix)]
 fn begun_again(folder: &TempDir, snapshot: &Path) -> (Child, PathBuf) {
     let map = folder.path().join("resumed.ply");
-    let child = Command::new(env!("CARGO_BIN_EXE_sparsesplat"))
-        .args(["stream", "-", "-o", text(&map), "--resume", text(snapshot)])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    (child, map)
+    (listening(&map, &["--resume", text(snapshot)]), map)
 }

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, rgb_from_dc};
 
 /// Colour difference (Euclidean, RGB 0..1) that weighs as much as the distance of one patch width; as for the cells.
-const COLOUR_SCALE: f32 = 0.12;
+pub const COLOUR_SCALE: f32 = 0.12;
 /// Largest opacity: renderers draw none above it.
 const LARGEST_OPACITY: f64 = 0.99;
 /// Smallest opacity, of what is merged across all depths: its logit stays of use.
