@@ -3,8 +3,8 @@
 //! Work runs on a thread of its own while the caller's waits without the interpreter's lock, so that other Python threads run
 //! and Ctrl-C comes through.
 
+use crate::kept::Copied;
 use gs_raster::{Device, Rasterizer};
-use gs_scene::Gaussians;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -17,7 +17,7 @@ use std::time::Duration;
 
 /// How often a waiting caller looks for signals.
 const SIGNALS: Duration = Duration::from_millis(50);
-/// Sets of Gaussians that are kept to be filled anew: fresh memory costs as much time as filling it. A training step has one tape.
+/// Copies of Gaussians that are kept to be filled anew: fresh memory costs as much time as filling it. A training step has one tape.
 const SPARE: usize = 2;
 
 /// Threads, rasterizers and buffers of one process.
@@ -26,7 +26,7 @@ pub(crate) struct Engine {
     pool: ThreadPool,
     /// One per device; taken out while it works.
     rasterizers: [Mutex<Option<Rasterizer>>; 3],
-    spare: Mutex<Vec<Gaussians>>,
+    spare: Mutex<Vec<Copied>>,
 }
 
 /// The engine of this process. Only looked at while the interpreter is attached: a fork, which Python does in such a moment,
@@ -82,22 +82,17 @@ impl Engine {
         result
     }
 
-    /// Gaussians to be filled, with some content.
-    pub(crate) fn blank(&self, n: usize, sh_degree: usize) -> gs_scene::Result<Gaussians> {
+    /// A former copy that fits.
+    pub(crate) fn spare(&self, fits: impl Fn(&Copied) -> bool) -> Option<Copied> {
         let mut spare = lock(&self.spare);
-        let fits = |gaussians: &Gaussians| (gaussians.len(), gaussians.sh_degree()) == (n, sh_degree);
-        if let Some(at) = spare.iter().position(fits) {
-            return Ok(spare.swap_remove(at));
-        }
-        drop(spare);
-        let sh = n * gs_scene::sh_coefficients(sh_degree) * 3;
-        Gaussians::new(sh_degree, vec![0.0; n * Gaussians::GEOMETRY], vec![0.0; sh])
+        let at = spare.iter().position(fits)?;
+        Some(spare.swap_remove(at))
     }
 
-    /// Takes Gaussians back that nobody needs any more.
-    pub(crate) fn recycle(&self, gaussians: Gaussians) {
+    /// Takes a copy back that nobody needs any more.
+    pub(crate) fn recycle(&self, copied: Copied) {
         let mut spare = lock(&self.spare);
-        spare.insert(0, gaussians);
+        spare.insert(0, copied);
         spare.truncate(SPARE);
     }
 }

@@ -116,12 +116,32 @@ impl Columns {
         let Activated { means, quats, scales, opacities, .. } = gaussians;
         let rows =
             means.chunks_exact(3).zip(quats.chunks_exact(4)).zip(scales.chunks_exact(3).zip(*opacities));
-        for (place, ((mean, quat), (scale, &opacity))) in rows.enumerate() {
-            let columns = self.0.iter_mut();
-            for (column, number) in columns.zip(mean.iter().chain(quat).chain(scale).chain([&opacity])) {
-                column[place] = *number;
-            }
+        for (place, ((mean, quat), (scale, opacity))) in rows.enumerate() {
+            self.set_numbers(place, mean.iter().chain(quat).chain(scale).chain([opacity]));
         }
+        self.take_logarithms();
+    }
+
+    /// Puts an activated Gaussian at `place`, to be stored by [`Columns::take_logarithms`].
+    #[inline(always)]
+    pub(super) fn set_activated(&mut self, place: usize, gaussians: &Activated<'_>, gaussian: usize) {
+        let Activated { means, quats, scales, opacities, .. } = gaussians;
+        let mean = &means[3 * gaussian..][..3];
+        let quat = &quats[4 * gaussian..][..4];
+        let scale = &scales[3 * gaussian..][..3];
+        self.set_numbers(place, mean.iter().chain(quat).chain(scale).chain([&opacities[gaussian]]));
+    }
+
+    #[inline(always)]
+    fn set_numbers<'a>(&mut self, place: usize, numbers: impl Iterator<Item = &'a f32>) {
+        for (column, number) in self.0.iter_mut().zip(numbers) {
+            column[place] = *number;
+        }
+    }
+
+    /// Makes what is stored of activated Gaussians, at every place. What is none may become any number.
+    #[inline(always)]
+    pub(super) fn take_logarithms(&mut self) {
         let (logs, logits) = self.0[LOG_SCALE.start..].split_at_mut(OPACITY_LOGIT - LOG_SCALE.start);
         for column in logs {
             column.iter_mut().for_each(|number| *number = activated::ln(*number));
