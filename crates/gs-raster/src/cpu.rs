@@ -142,9 +142,7 @@ pub(crate) fn render(
                 Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
             Ok(draw(source, camera, settings, &mut tape.frame, false, Isa::in_use())?.0)
         }
-        Style::Ellipsoids => {
-            ellipsoids::render(source.stored()?.as_ref(), camera, settings, Isa::in_use())
-        }
+        Style::Ellipsoids => ellipsoids::render(source.stored()?.as_ref(), camera, settings, Isa::in_use()),
     }
 }
 
@@ -174,7 +172,7 @@ fn draw(
     let mut seconds = StageSeconds::default();
 
     let start = Instant::now();
-    frame.splats.project(source, camera, settings, grid, isa)?;
+    frame.splats.project(source, camera, settings, (grid, record), isa)?;
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();

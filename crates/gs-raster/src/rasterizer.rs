@@ -42,6 +42,8 @@ enum Backend {
 pub struct Tape {
     n_gaussians: usize,
     sh_degree: usize,
+    /// Whether activated Gaussians were recorded.
+    is_activated: bool,
     cameras: Vec<Camera>,
     settings: RenderSettings,
     views: Views,
@@ -228,6 +230,7 @@ impl Rasterizer {
         let tape = Tape {
             n_gaussians: source.len(),
             sh_degree: source.sh_degree(),
+            is_activated: matches!(source, Source::Activated(_)),
             cameras: cameras.to_vec(),
             settings: *settings,
             views,
@@ -254,7 +257,7 @@ impl Rasterizer {
     /// [`Gradients::activated`] of the gradients by what is stored, to the bit.
     ///
     /// # Errors
-    /// As [`Rasterizer::backward`]; if the lengths of the arrays do not fit each other.
+    /// As [`Rasterizer::backward`]; if the lengths of the arrays do not fit each other, or stored Gaussians were recorded.
     pub fn backward_activated(
         &mut self,
         gaussians: &Activated<'_>,
@@ -264,6 +267,9 @@ impl Rasterizer {
         gaussians.check_lengths()?;
         let source = Source::Activated(gaussians);
         tape.check(source, pixels)?;
+        if !tape.is_activated {
+            return Err(Error::NotActivated);
+        }
         match (&mut self.backend, &tape.views) {
             (Backend::Cpu(_), Views::Cpu(views)) => {
                 let mut found = ActivatedGradients::zero(gaussians);
@@ -373,8 +379,7 @@ impl Tape {
         let mut background = [0.0; 3];
         let mut poses = Vec::with_capacity(views.len());
         for (index, ((view, camera), pixels)) in views.iter().zip(&self.cameras).zip(pixels).enumerate() {
-            let shares =
-                shares.as_mut().map(|(values, sums)| cpu::Shares { values: &values[index], sums });
+            let shares = shares.as_mut().map(|(values, sums)| cpu::Shares { values: &values[index], sums });
             let found = (&mut sums, &mut background, shares);
             poses.push(cpu::backward(source, camera, &self.settings, view, pixels, found, isa));
         }

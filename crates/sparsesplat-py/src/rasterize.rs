@@ -88,14 +88,13 @@ pub(crate) fn record<'py>(
     let request = Request::read("record", cameras, (width, height), settings.as_ref(), None)?;
     let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
     let (activated, engine) = (arrays.activated()?, engine(py)?);
-    let (recorded, copied) = engine::run_borrowing(py, |caller| {
-        // A thread that waits in the renderer copies meanwhile.
+    let recorded = engine::run_borrowing(py, |caller| {
         let copy = || is_copied.then(|| Copied::of(&activated, engine));
-        let copied = engine.install(copy);
-        (Recorded::draw(engine, caller, Numbers::Activated(activated), &request), copied)
+        Recorded::draw(engine, caller, Numbers::Activated(activated), &request, copy)
     })?;
+    let (drawn, recorded, copied) = recorded.or_raise()?;
     let kept = copied.map_or_else(|| Kept::InPlace(arrays.unbind()), Kept::Copy);
-    Tape::give(py, engine, request, recorded.or_raise()?, kept)
+    Tape::give(py, engine, request, (drawn, recorded, kept))
 }
 
 /// What `device` stands for on this machine: the name of the adapter, or "cpu"; and why "auto" took the CPU.
@@ -440,9 +439,13 @@ impl Request {
         meta.set_item("device", &drawn.device.0)?;
         meta.set_item("fallback", &drawn.device.1)?;
         meta.set_item("seconds", drawn.seconds)?;
-        let mode = self.mode;
-        let engine = engine(py)?;
-        let (colors, alphas) = py.detach(|| engine.install(|| assemble(drawn.views, mode)));
+        let (mode, engine) = (self.mode, engine(py)?);
+        let (colors, alphas) = match <[Rendering; 1]>::try_from(drawn.views) {
+            // Nothing is copied.
+            Ok([view]) if mode.depth.is_none() => (view.image.into_data(), view.alpha),
+            Ok(view) => py.detach(|| engine.install(|| assemble(&view, mode))),
+            Err(views) => py.detach(|| engine.install(|| assemble(&views, mode))),
+        };
         let colors = give(py, colors, [count, height, width, mode.channels()])?;
         Ok((colors, give(py, alphas, [count, height, width, 1])?, meta))
     }
@@ -455,12 +458,8 @@ impl Drawn {
     }
 }
 
-/// The pictures and the opacities of all views, one after the other. Of one view without depth nothing is copied.
-fn assemble(views: Vec<Rendering>, mode: Mode) -> (Vec<f32>, Vec<f32>) {
-    if let ([_], Mode { colors: true, depth: None }) = (&views[..], mode) {
-        let view = views.into_iter().next().expect("one view");
-        return (view.image.into_data(), view.alpha);
-    }
+/// The pictures and the opacities of all views, one after the other.
+fn assemble(views: &[Rendering], mode: Mode) -> (Vec<f32>, Vec<f32>) {
     let pixels = views.first().map_or(0, |view| view.alpha.len());
     let (channels, row) = (mode.channels(), 1 << 12);
     let mut colors = vec![0.0; views.len() * pixels * channels];
@@ -479,7 +478,7 @@ fn assemble(views: Vec<Rendering>, mode: Mode) -> (Vec<f32>, Vec<f32>) {
             }
         });
     }
-    let alphas = views.into_iter().flat_map(|view| view.alpha).collect();
+    let alphas = views.iter().flat_map(|view| &view.alpha).copied().collect();
     (colors, alphas)
 }
 

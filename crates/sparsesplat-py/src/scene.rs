@@ -6,8 +6,8 @@ use crate::engine::{self, engine};
 use crate::failure::OrRaise;
 use crate::kept::{Kept, Numbers};
 use crate::rasterize::{Arrays, Pictures, Recording, Request};
-use crate::tape::{Recorded, Tape};
 use crate::reconstruct::Report;
+use crate::tape::{Recorded, Tape};
 use gs_raster::near_plane;
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
 use numpy::PyUntypedArrayMethods;
@@ -180,11 +180,11 @@ impl Scene {
         let request = self.request("record", [viewmats, Ks], (width, height), settings)?;
         let (engine, gaussians) = (engine(py)?, Arc::clone(&self.gaussians));
         let (recorded, request) = engine::run(py, None, move |caller| {
-            let recorded = Recorded::draw(engine, caller, Numbers::Stored(&gaussians), &request);
+            let recorded = Recorded::draw(engine, caller, Numbers::Stored(&gaussians), &request, || {});
             (recorded, request)
         })?;
-        let kept = Kept::Stored(Arc::clone(&self.gaussians));
-        Tape::give(py, engine, request, recorded.or_raise()?, kept)
+        let (drawn, recorded, ()) = recorded.or_raise()?;
+        Tape::give(py, engine, request, (drawn, recorded, Kept::Stored(Arc::clone(&self.gaussians))))
     }
 
     /// Writes the scene in the format that the extension says: .ply, .compressed.ply, .spz, .splat or .glb. The file appears whole or not

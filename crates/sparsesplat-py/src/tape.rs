@@ -6,7 +6,7 @@ use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
 use crate::kept::{Kept, Numbers, copy};
 use crate::rasterize::{Backgrounds, Depth, Drawn, Recording, Request};
-use gs_raster::{Activated, Colors, PixelGradients, PoseGradient};
+use gs_raster::{Activated, Colors, PixelGradients, PoseGradient, Rasterizer};
 use gs_scene::{Gaussians, sh_coefficients};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -51,26 +51,33 @@ struct By {
 }
 
 impl Recorded {
-    /// Draws and records; ends early if the caller is gone.
-    pub(crate) fn draw(
+    /// Draws and records; ends early if the caller is gone. Threads that wait in the renderer do the work `meanwhile`.
+    pub(crate) fn draw<T: Send>(
         engine: &Engine,
         caller: &Caller,
         numbers: Numbers<'_>,
         request: &Request,
-    ) -> gs_raster::Result<(Drawn, Self)> {
-        let (drawn, tapes) = engine.rasterizer(request.device, |rasterizer| {
+        meanwhile: impl FnOnce() -> T + Send,
+    ) -> gs_raster::Result<(Drawn, Self, T)> {
+        let draw = |rasterizer: &mut Rasterizer| {
             let begin = Instant::now();
             let (mut views, mut tapes) = (Vec::new(), Vec::new());
             for run in &request.runs {
                 let (drawn, tape) = match &numbers {
                     Numbers::Stored(gaussians) => rasterizer.record(gaussians, &run.cameras, &run.settings),
-                    Numbers::Activated(arrays) => rasterizer.record_activated(arrays, &run.cameras, &run.settings),
+                    Numbers::Activated(arrays) => {
+                        rasterizer.record_activated(arrays, &run.cameras, &run.settings)
+                    }
                 }?;
                 views.extend(drawn);
                 tapes.push(tape);
                 caller.end_if_gone();
             }
             Ok((Drawn::new(views, rasterizer, begin), tapes))
+        };
+        let (drawn, tapes, done) = engine.rasterizer(request.device, |rasterizer| {
+            let (drawn, done) = rayon::join(|| draw(rasterizer), meanwhile);
+            drawn.map(|(drawn, tapes)| (drawn, tapes, done))
         })?;
         let planes = match request.mode.depth {
             Some(Depth::Accumulated) => {
@@ -79,7 +86,7 @@ impl Recorded {
             }
             _ => Vec::new(),
         };
-        Ok((drawn, Self { tapes, planes }))
+        Ok((drawn, Self { tapes, planes }, done))
     }
 }
 
@@ -89,8 +96,7 @@ impl Tape {
         py: Python<'py>,
         engine: &'static Engine,
         request: Request,
-        (drawn, recorded): (Drawn, Recorded),
-        kept: Kept,
+        (drawn, recorded, kept): (Drawn, Recorded, Kept),
     ) -> PyResult<Recording<'py>> {
         let (colors, alphas, meta) = request.pictures(py, drawn)?;
         Ok((colors, alphas, meta, Self { engine, request, recorded, kept: Some(kept) }))
@@ -145,7 +151,11 @@ impl Tape {
                 match &numbers {
                     Numbers::Stored(gaussians) => {
                         let by = rasterizer.backward(gaussians, tape, pixels)?;
-                        found.add(by_stored(by.geometry, by.sh, gaussians.sh_degree()), by.background, by.poses);
+                        found.add(
+                            by_stored(by.geometry, by.sh, gaussians.sh_degree()),
+                            by.background,
+                            by.poses,
+                        );
                     }
                     Numbers::Activated(arrays) => {
                         let by = rasterizer.backward_activated(arrays, tape, pixels)?;
@@ -160,7 +170,9 @@ impl Tape {
         if found.backgrounds.is_empty() {
             let zeros = |array: &[f32]| vec![0.0; array.len()];
             found.arrays = match numbers {
-                Numbers::Stored(scene) => by_stored(zeros(scene.geometry()), zeros(scene.sh()), scene.sh_degree()),
+                Numbers::Stored(scene) => {
+                    by_stored(zeros(scene.geometry()), zeros(scene.sh()), scene.sh_degree())
+                }
                 Numbers::Activated(arrays) => {
                     let Activated { means, quats, scales, opacities, colors, kind } = arrays;
                     by_arrays([means, quats, scales, opacities, colors].map(zeros), kind)

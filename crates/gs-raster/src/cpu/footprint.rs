@@ -5,6 +5,7 @@
 //! number, possibly NaN.
 
 use super::math;
+use super::project::Logs;
 use crate::{Activated, RenderSettings, SLOPE_MARGIN, activated};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
@@ -119,17 +120,25 @@ impl Columns {
         for (place, ((mean, quat), (scale, opacity))) in rows.enumerate() {
             self.set_numbers(place, mean.iter().chain(quat).chain(scale).chain([opacity]));
         }
-        self.take_logarithms();
+        let (logs, logits) = self.0[LOG_SCALE.start..].split_at_mut(OPACITY_LOGIT - LOG_SCALE.start);
+        for column in logs {
+            column.iter_mut().for_each(|number| *number = activated::ln(*number));
+        }
+        logits[0].iter_mut().for_each(|number| *number = activated::logit(*number));
     }
 
-    /// Puts an activated Gaussian at `place`, to be stored by [`Columns::take_logarithms`].
+    /// Puts an activated Gaussian at `place`, whose logarithms are known.
     #[inline(always)]
-    pub(super) fn set_activated(&mut self, place: usize, gaussians: &Activated<'_>, gaussian: usize) {
-        let Activated { means, quats, scales, opacities, .. } = gaussians;
-        let mean = &means[3 * gaussian..][..3];
-        let quat = &quats[4 * gaussian..][..4];
-        let scale = &scales[3 * gaussian..][..3];
-        self.set_numbers(place, mean.iter().chain(quat).chain(scale).chain([&opacities[gaussian]]));
+    pub(super) fn set_activated(
+        &mut self,
+        place: usize,
+        gaussians: &Activated<'_>,
+        gaussian: usize,
+        logs: &Logs,
+    ) {
+        let mean = &gaussians.means[3 * gaussian..][..3];
+        let quat = &gaussians.quats[4 * gaussian..][..4];
+        self.set_numbers(place, mean.iter().chain(quat).chain(logs));
     }
 
     #[inline(always)]
@@ -139,14 +148,10 @@ impl Columns {
         }
     }
 
-    /// Makes what is stored of activated Gaussians, at every place. What is none may become any number.
+    /// What is stored in place of scales and opacity.
     #[inline(always)]
-    pub(super) fn take_logarithms(&mut self) {
-        let (logs, logits) = self.0[LOG_SCALE.start..].split_at_mut(OPACITY_LOGIT - LOG_SCALE.start);
-        for column in logs {
-            column.iter_mut().for_each(|number| *number = activated::ln(*number));
-        }
-        logits[0].iter_mut().for_each(|number| *number = activated::logit(*number));
+    pub(super) fn logs(&self, place: usize) -> Logs {
+        std::array::from_fn(|k| self.0[LOG_SCALE.start + k][place])
     }
 
     /// Moves a row to an earlier place.

@@ -3,7 +3,7 @@
 use super::blend::Lists;
 use super::blend_backward::{MOMENTS, SHARES, Summed, finite};
 use super::footprint::{BLOCK, Columns, Footprint, View};
-use super::project::{CHUNK, Splat};
+use super::project::{CHUNK, Logs, Splat};
 use super::sums::{Sums, add};
 use super::{Source, math, sh};
 use crate::{PoseGradient, RenderSettings};
@@ -43,12 +43,13 @@ pub(super) fn project_backward(
     };
     let poses: Vec<PoseGradient> = splats
         .chunks()
+        .zip(splats.logs())
         .zip(places.par_chunks(CHUNK))
         .zip(sums.chunks(CHUNK, sh_row))
         .zip(&mut shares)
         .enumerate()
-        .map(|(at, (((splats, places), sums), shares))| {
-            let mut chunk = Chunk { splats, places, source, first: at * CHUNK, sums, shares };
+        .map(|(at, ((((splats, logs), places), sums), shares))| {
+            let mut chunk = Chunk { splats, logs, places, source, first: at * CHUNK, sums, shares };
             chunk_backward(isa, &mut chunk, &view, summed)
         })
         .collect();
@@ -63,6 +64,8 @@ pub(super) fn project_backward(
 /// Gaussians of one task.
 struct Chunk<'a> {
     splats: &'a [Splat],
+    /// As the splats, of activated Gaussians.
+    logs: &'a [Logs],
     /// Where the sums of each splat are.
     places: &'a [u32],
     source: Source<'a>,
@@ -89,7 +92,9 @@ fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summe
     let mut stored = Columns::new();
     let mut block = Block::new();
     let mut moments = [[0.0; MOMENTS]; BLOCK];
-    for (splats, places) in chunk.splats.chunks(BLOCK).zip(chunk.places.chunks(BLOCK)) {
+    let blocks = chunk.splats.chunks(BLOCK).zip(chunk.places.chunks(BLOCK)).enumerate();
+    for (number, (splats, places)) in blocks {
+        let logs = chunk.logs.get(number * BLOCK..).unwrap_or_default();
         // These lie anywhere; fetched together, the waits for memory overlap.
         for (moments, &place) in moments.iter_mut().zip(places) {
             *moments = summed.moments[place as usize];
@@ -105,7 +110,7 @@ fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summe
                     &scene.sh()[gaussian * coefficients * 3..]
                 }
                 Source::Activated(arrays) => {
-                    stored.set_activated(at, arrays, gaussian);
+                    stored.set_activated(at, arrays, gaussian, &logs[at]);
                     arrays.sh_of(gaussian, &mut room)
                 }
             };
@@ -122,9 +127,6 @@ fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summe
             for k in 0..coefficients {
                 block.weights[k][at] = sh[3 * k] * rgb[0] + sh[3 * k + 1] * rgb[1] + sh[3 * k + 2] * rgb[2];
             }
-        }
-        if matches!(chunk.source, Source::Activated(_)) {
-            stored.take_logarithms();
         }
         for at in 0..BLOCK {
             block.colour_backward::<DEGREE>(at, view, &stored);

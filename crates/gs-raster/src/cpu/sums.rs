@@ -24,7 +24,8 @@ impl Sums<'_> {
     pub(super) fn chunks(&mut self, size: usize, sh_row: usize) -> Vec<Sums<'_>> {
         match self {
             Self::Stored { geometry, sh } => {
-                let chunks = geometry.chunks_mut(size * Gaussians::GEOMETRY).zip(sh.chunks_mut(size * sh_row));
+                let chunks =
+                    geometry.chunks_mut(size * Gaussians::GEOMETRY).zip(sh.chunks_mut(size * sh_row));
                 chunks.map(|(geometry, sh)| Sums::Stored { geometry, sh }).collect()
             }
             Self::Activated { means, quats, log_scales, logits, colors, color_row } => {

@@ -3,8 +3,8 @@
 use crate::check::settings;
 use crate::scenes::{camera, gaussians};
 use gs_raster::{
-    Activated, ActivatedGradients, Colors, Error, Gradients, PixelGradients, Rasterizer, RenderSettings, Rendering,
-    Result, Style,
+    Activated, ActivatedGradients, Colors, Error, Gradients, PixelGradients, Rasterizer, RenderSettings,
+    Rendering, Result, Style,
 };
 use gs_reference::Profile;
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, dc_from_rgb, sigmoid};
@@ -256,17 +256,24 @@ fn gradients_of_other_arrays_than_recorded_are_refused() {
     let arrays = Arrays::new(Colors::Sh { degree: 1, per_gaussian: 4 });
     let (_, tape) = rasterizer.record_activated(&arrays.view(), &[camera], &settings).unwrap();
     let pixels = PixelGradients { image: vec![1.0; 16 * 16 * 3], alpha: None, depth: None };
-    let mut backward =
-        |arrays: &Arrays, pixels: &[PixelGradients]| rasterizer.backward_activated(&arrays.view(), &tape, pixels);
+    let mut backward = |arrays: &Arrays, pixels: &[PixelGradients]| {
+        rasterizer.backward_activated(&arrays.view(), &tape, pixels)
+    };
     let other = Arrays { kind: Colors::Sh { degree: 0, per_gaussian: 4 }, ..arrays.clone() };
     let found = backward(&other, std::slice::from_ref(&pixels));
-    assert!(matches!(found, Err(Error::OtherScene { found: 3, found_degree: 0, expected_degree: 1, .. })), "{found:?}");
+    assert!(
+        matches!(found, Err(Error::OtherScene { found: 3, found_degree: 0, expected_degree: 1, .. })),
+        "{found:?}"
+    );
     let mut short = arrays.clone();
     short.quats.pop();
     let found = backward(&short, std::slice::from_ref(&pixels));
     assert!(matches!(found, Err(Error::ArrayLength { what: "quats", .. })), "{found:?}");
     assert!(matches!(backward(&arrays, &[]), Err(Error::Views { expected: 1, found: 0 })));
-    assert!(backward(&arrays, &[pixels]).is_ok());
+    assert!(backward(&arrays, std::slice::from_ref(&pixels)).is_ok());
+    let (_, tape) = rasterizer.record(&arrays.store().unwrap(), &[camera], &settings).unwrap();
+    let found = rasterizer.backward_activated(&arrays.view(), &tape, &[pixels]);
+    assert!(matches!(found, Err(Error::NotActivated)), "{found:?}");
 }
 
 #[test]
