@@ -1,9 +1,9 @@
 """What a call from Python takes beside the same work in Rust.
 
-The Rust API is timed within `Scene.render` and within `Scene.record` + `backward`, which give it stored Gaussians, as in the Rust bench:
-`meta["seconds"]` and the gradients' `seconds` are its wall time alone. A call is compared with the one of them that draws the same picture, with
-gradients or without, in the same turn. The overhead is everything else: activated arrays, the chain rule, pictures to arrays, the
-thread, Python.
+The Rust API is timed within `Scene.render` and within `Scene.record` + `backward`, which give it stored Gaussians, as in the Rust
+bench: `meta["seconds"]` and the gradients' `seconds` are its wall time alone. A call is compared with the one of them that draws the same
+picture, with gradients or without, in the same turn. The overhead is everything else: activated arrays, the chain rule, pictures to
+arrays, the thread, Python.
 
 CPU is the processor time of a call beside that of its reference, all threads and Python together; it varies less than wall time on a
 busy machine.

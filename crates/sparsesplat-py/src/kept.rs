@@ -5,7 +5,6 @@ use crate::rasterize::{Arrays, Unbound};
 use gs_raster::{Activated, Colors};
 use gs_scene::Gaussians;
 use pyo3::prelude::*;
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Gaussians to be drawn.
@@ -76,38 +75,26 @@ pub(crate) struct Copied {
 }
 
 impl Copied {
-    /// A copy, in memory of a former one of the same size if there is any.
+    /// A copy in spare buffers of the engine.
     pub(crate) fn of(arrays: &Activated<'_>, engine: &Engine) -> Self {
         let Activated { means, quats, scales, opacities, colors, kind } = *arrays;
-        let mut copied = engine.spare(|spare| spare.fits(arrays)).unwrap_or_else(|| Self {
-            means: vec![0.0; means.len()],
-            quats: vec![0.0; quats.len()],
-            scales: vec![0.0; scales.len()],
-            opacities: vec![0.0; opacities.len()],
-            colors: vec![0.0; colors.len()],
+        Self {
+            means: engine.copy(means),
+            quats: engine.copy(quats),
+            scales: engine.copy(scales),
+            opacities: engine.copy(opacities),
+            colors: engine.copy(colors),
             kind,
-        });
-        copied.kind = kind;
-        copy(&mut copied.colors, colors);
-        copy(&mut copied.means, means);
-        copy(&mut copied.quats, quats);
-        copy(&mut copied.scales, scales);
-        copy(&mut copied.opacities, opacities);
-        copied
+        }
     }
 
-    fn fits(&self, arrays: &Activated<'_>) -> bool {
-        (self.opacities.len(), self.colors.len()) == (arrays.opacities.len(), arrays.colors.len())
+    /// Gives the buffers back.
+    pub(crate) fn recycle(self, engine: &Engine) {
+        engine.recycle([self.means, self.quats, self.scales, self.opacities, self.colors]);
     }
 
     fn activated(&self) -> Activated<'_> {
         let Self { means, quats, scales, opacities, colors, kind } = self;
         Activated { means, quats, scales, opacities, colors, kind: *kind }
     }
-}
-
-/// Copies numbers on all threads.
-pub(crate) fn copy(to: &mut [f32], from: &[f32]) {
-    const CHUNK: usize = 1 << 14;
-    to.par_chunks_mut(CHUNK).zip(from.par_chunks(CHUNK)).for_each(|(to, from)| to.copy_from_slice(from));
 }

@@ -268,7 +268,7 @@ pub(crate) struct Run {
 }
 
 /// Cameras that are drawn in one go: a GPU is given the scene once for them.
-const TOGETHER: usize = 4;
+pub(crate) const TOGETHER: usize = 4;
 
 /// What is asked for.
 #[derive(Debug)]

@@ -4,8 +4,8 @@ use crate::arrays::{Side, give, read};
 use crate::cameras::pose_gradient;
 use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
-use crate::kept::{Kept, Numbers, copy};
-use crate::rasterize::{Backgrounds, Depth, Drawn, Recording, Request};
+use crate::kept::{Kept, Numbers};
+use crate::rasterize::{Backgrounds, Depth, Drawn, Recording, Request, TOGETHER};
 use gs_raster::{Activated, Colors, PixelGradients, PoseGradient, Rasterizer};
 use gs_scene::{Gaussians, sh_coefficients};
 use pyo3::exceptions::PyRuntimeError;
@@ -123,11 +123,7 @@ impl Tape {
                 }
             }
             let image = match (mode.colors, channels) {
-                (true, 3) => {
-                    let mut image = vec![0.0; colors.len()];
-                    copy(&mut image, colors);
-                    image
-                }
+                (true, 3) => self.engine.copy(colors),
                 (true, _) => colors.chunks_exact(channels).flat_map(|pixel| &pixel[..3]).copied().collect(),
                 (false, _) => vec![0.0; pixels * 3],
             };
@@ -137,25 +133,24 @@ impl Tape {
         self.request.runs.iter().map(|run| run.cameras.iter().map(|_| next()).collect()).collect()
     }
 
-    /// Gradients of a batch, given those by its pixels, run by run.
+    /// Gradients of a batch, given those by its pictures and alphas.
     fn differentiate(
         &self,
         numbers: Numbers<'_>,
-        pixels: &[Vec<PixelGradients>],
+        colors: &[f32],
+        alphas: Option<&[f32]>,
     ) -> gs_raster::Result<Found> {
-        let begin = Instant::now();
         let mut found =
             Found { arrays: Vec::new(), poses: Vec::new(), backgrounds: Vec::new(), seconds: 0.0 };
         self.engine.rasterizer(self.request.device, |rasterizer| {
-            for (tape, pixels) in self.recorded.tapes.iter().zip(pixels) {
+            let pixels = self.pixels(colors, alphas);
+            let begin = Instant::now();
+            for (tape, pixels) in self.recorded.tapes.iter().zip(&pixels) {
                 match &numbers {
                     Numbers::Stored(gaussians) => {
                         let by = rasterizer.backward(gaussians, tape, pixels)?;
-                        found.add(
-                            by_stored(by.geometry, by.sh, gaussians.sh_degree()),
-                            by.background,
-                            by.poses,
-                        );
+                        let arrays = by_stored(by.geometry, by.sh, gaussians.sh_degree());
+                        found.add(arrays, by.background, by.poses);
                     }
                     Numbers::Activated(arrays) => {
                         let by = rasterizer.backward_activated(arrays, tape, pixels)?;
@@ -164,9 +159,11 @@ impl Tape {
                     }
                 }
             }
+            found.seconds = begin.elapsed().as_secs_f64();
+            let images = pixels.into_iter().flatten().map(|pixels| pixels.image);
+            self.engine.recycle(images.take(TOGETHER));
             Ok(())
         })?;
-        found.seconds = begin.elapsed().as_secs_f64();
         if found.backgrounds.is_empty() {
             let zeros = |array: &[f32]| vec![0.0; array.len()];
             found.arrays = match numbers {
@@ -227,7 +224,7 @@ impl Drop for Tape {
         if self.engine.process() == std::process::id()
             && let Some(Kept::Copy(copied)) = self.kept.take()
         {
-            self.engine.recycle(copied);
+            copied.recycle(self.engine);
         }
     }
 }
@@ -256,10 +253,7 @@ impl Tape {
         let colors = v_colors.as_slice()?;
         let held = self.kept.as_ref().expect("there until it is dropped").hold(py)?;
         let numbers = held.numbers()?;
-        let found = engine::run_borrowing(py, |_| {
-            let pixels = self.engine.install(|| self.pixels(colors, alphas));
-            self.differentiate(numbers, &pixels)
-        })?;
+        let found = engine::run_borrowing(py, |_| self.differentiate(numbers, colors, alphas))?;
         self.gradients(py, numbers.len(), found.or_raise()?)
     }
 }
