@@ -351,6 +351,9 @@ fn check(source: Source<'_>, cameras: &[Camera]) -> Result<()> {
     if cameras.is_empty() { gaussians.check_numbers() } else { Ok(()) }
 }
 
+/// Values of the pixels of each view, and the sums of every Gaussian's shares that they weight.
+type Weighted<'a> = (&'a [Vec<f32>], &'a mut [[f32; 2]]);
+
 impl Tape {
     /// Whether Gaussians and pixels have the size of what was recorded.
     fn check(&self, source: Source<'_>, pixels: &[PixelGradients]) -> Result<()> {
@@ -373,7 +376,7 @@ impl Tape {
         views: &[cpu::Tape],
         pixels: &[PixelGradients],
         mut sums: Sums<'_>,
-        mut shares: Option<(&[Vec<f32>], &mut [[f32; 2]])>,
+        mut shares: Option<Weighted<'_>>,
     ) -> ([f64; 3], Vec<PoseGradient>) {
         let isa = Isa::in_use();
         let mut background = [0.0; 3];

@@ -357,7 +357,7 @@ proptest! {
         let stored = arrays.store().expect("valid");
         let profile = Profile { antialias, ..Profile::default() };
         let settings = RenderSettings { depth: true, ..settings(&profile, [0.2, 0.5, 0.9]) };
-        let pixels: Vec<PixelGradients> = cameras.iter().map(|camera| weights(camera)).collect();
+        let pixels: Vec<PixelGradients> = cameras.iter().map(weights).collect();
         let mut rasterizer = Rasterizer::cpu();
         let (views, tape) = rasterizer.record(&stored, &cameras, &settings).expect("valid");
         let expected = rasterizer.backward(&stored, &tape, &pixels).expect("valid").activated(&arrays.view());
