@@ -66,21 +66,20 @@ fn ratios(scene: &Gaussians, camera: &Camera, pixels: &PixelGradients, repetitio
         kind,
     };
     let (mut rasterizer, settings) = (Rasterizer::cpu(), RenderSettings::default());
-    let mut room = arrays.store().expect("valid");
     let mut found = [Vec::new(), Vec::new()];
     for _ in 0..repetitions {
         let stored = seconds(|| drop(rasterizer.render(scene, camera, &settings).expect("valid")));
         let activated =
             seconds(|| drop(rasterizer.render_activated(&arrays, &[*camera], &settings).expect("valid")));
         found[0].push(activated / stored);
-        let mut train = |scene: &Gaussians| {
+        let views = std::slice::from_ref(pixels);
+        let stored = seconds(|| {
             let (_, tape) = rasterizer.record(scene, &[*camera], &settings).expect("valid");
-            rasterizer.backward(scene, &tape, std::slice::from_ref(pixels)).expect("valid")
-        };
-        let stored = seconds(|| drop(train(scene)));
+            drop(rasterizer.backward(scene, &tape, views).expect("valid"));
+        });
         let activated = seconds(|| {
-            arrays.store_into(&mut room).expect("valid");
-            drop(train(&room).activated(&room, kind));
+            let (_, tape) = rasterizer.record_activated(&arrays, &[*camera], &settings).expect("valid");
+            drop(rasterizer.backward_activated(&arrays, &tape, views).expect("valid"));
         });
         found[1].push(activated / stored);
     }

@@ -1,19 +1,18 @@
-//! Gaussians as optimisers hold them: arrays of activated numbers, and the way to and from the stored parametrisation that the renderer
+//! Gaussians as optimisers hold them: arrays of activated numbers, and the way to the stored parametrisation that the renderer
 //! differentiates.
 //!
-//! stored = (mean, quaternion, ln scale, logit of the opacity, SH). The chain rule for a loss L:
-//! ∂L/∂scale = ∂L/∂(ln scale) / scale, ∂L/∂opacity = ∂L/∂logit / (o (1 - o)), ∂L/∂rgb = ∂L/∂dc / Y₀.
+//! stored = (mean, quaternion, ln scale, logit of the opacity, SH).
 
 use crate::cpu::math;
-use crate::{Error, Gradients, Result};
+use crate::{Error, Result};
 use cpu_kernels::{Isa, compiled_for};
-use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, SH_C0, sh_coefficients};
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, SH_C0, dc_from_rgb, sh_coefficients};
 use rayon::prelude::*;
 use std::f64::consts::LN_2;
 use std::ops::Range;
 
 /// Gaussians per task.
-const CHUNK: usize = 1 << 12;
+pub(crate) const CHUNK: usize = 1 << 12;
 /// Gaussians that are converted together.
 const BLOCK: usize = 64;
 /// Numbers per Gaussian in the geometry buffer.
@@ -25,7 +24,8 @@ const OPACITIES: (f32, f32) = (f32::MIN_POSITIVE, 1.0 - f32::EPSILON / 2.0);
 
 /// N Gaussians as arrays of activated numbers, row-major, borrowed from whoever holds them.
 ///
-/// [`Rasterizer::render_activated`](crate::Rasterizer::render_activated) reads them in place. Its pictures equal those of
+/// [`Rasterizer::render_activated`](crate::Rasterizer::render_activated) and
+/// [`Rasterizer::record_activated`](crate::Rasterizer::record_activated) read them in place. Their pictures and gradients equal those of
 /// [`Activated::store`] to the bit.
 #[derive(Debug, Clone, Copy)]
 pub struct Activated<'a> {
@@ -57,21 +57,6 @@ pub enum Colors {
     },
 }
 
-/// Gradients in the shapes of the arrays that they belong to.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ActivatedGradients {
-    /// `[N, 3]`, 1 / scene units.
-    pub means: Vec<f32>,
-    /// `[N, 4]`.
-    pub quats: Vec<f32>,
-    /// `[N, 3]`, 1 / scene units.
-    pub scales: Vec<f32>,
-    /// `[N]`.
-    pub opacities: Vec<f32>,
-    /// In the shape of [`Activated::colors`]; 0 for coefficients that are not used.
-    pub colors: Vec<f32>,
-}
-
 impl Colors {
     /// SH degree of the stored Gaussians.
     #[must_use]
@@ -83,7 +68,7 @@ impl Colors {
     }
 
     /// Numbers per Gaussian in the array.
-    fn row(self) -> usize {
+    pub(crate) fn row(self) -> usize {
         match self {
             Self::Rgb => 3,
             Self::Sh { per_gaussian, .. } => per_gaussian * 3,
@@ -97,10 +82,16 @@ pub(crate) fn ln(x: f32) -> f32 {
     (math::log2(f64::from(x)) * LN_2) as f32
 }
 
+/// An opacity in the range of [`OPACITIES`].
+#[inline(always)]
+pub(crate) fn inside(opacity: f32) -> f64 {
+    f64::from(opacity.clamp(OPACITIES.0, OPACITIES.1))
+}
+
 /// Logit of an opacity, which is brought into [`OPACITIES`] before.
 #[inline(always)]
 pub(crate) fn logit(opacity: f32) -> f32 {
-    let opacity = f64::from(opacity.clamp(OPACITIES.0, OPACITIES.1));
+    let opacity = inside(opacity);
     (math::log2(opacity / (1.0 - opacity)) * LN_2) as f32
 }
 
@@ -125,25 +116,8 @@ impl<'a> Activated<'a> {
     pub fn store(&self) -> Result<Gaussians> {
         self.check_lengths()?;
         let (n, degree) = (self.len(), self.kind.degree());
-        let sh = vec![0.0; n * sh_coefficients(degree) * 3];
-        let mut stored = Gaussians::new(degree, vec![0.0; n * ROW], sh)?;
-        self.store_into(&mut stored)?;
-        Ok(stored)
-    }
-
-    /// As [`Activated::store`], into Gaussians that are there. On an error they hold some content.
-    ///
-    /// # Errors
-    /// As [`Activated::store`]; if `stored` has another length or SH degree.
-    pub fn store_into(&self, stored: &mut Gaussians) -> Result<()> {
-        self.check_lengths()?;
-        let (expected, expected_degree) = (self.len(), self.kind.degree());
-        let (found, found_degree) = (stored.len(), stored.sh_degree());
-        if (found, found_degree) != (expected, expected_degree) {
-            return Err(Error::OtherScene { expected, expected_degree, found, found_degree });
-        }
-        let sh_row = sh_coefficients(expected_degree) * 3;
-        let (geometry, sh) = stored.buffers_mut();
+        let sh_row = sh_coefficients(degree) * 3;
+        let (mut geometry, mut sh) = (vec![0.0; n * ROW], vec![0.0; n * sh_row]);
         let isa = Isa::in_use();
         let is_good = geometry
             .par_chunks_mut(CHUNK * ROW)
@@ -151,7 +125,11 @@ impl<'a> Activated<'a> {
             .enumerate()
             .map(|(chunk, (geometry, sh))| self.store_chunk(isa, chunk * CHUNK, geometry, sh))
             .reduce(|| true, |a, b| a & b);
-        if is_good { Ok(()) } else { self.check_numbers() }
+        if !is_good {
+            // Numbers that are not used may be at fault, which is none.
+            self.check_numbers()?;
+        }
+        Ok(Gaussians::new(degree, geometry, sh)?)
     }
 
     /// Whether all numbers are those of Gaussians.
@@ -243,6 +221,22 @@ impl<'a> Activated<'a> {
         room
     }
 
+    /// As [`Activated::sh`], of one Gaussian; more may follow.
+    #[inline(always)]
+    pub(crate) fn sh_of<'b>(&self, gaussian: usize, room: &'b mut [f32; 3]) -> &'b [f32]
+    where
+        'a: 'b,
+    {
+        let colors = &self.colors[gaussian * self.kind.row()..];
+        match self.kind {
+            Colors::Rgb => {
+                *room = dc_from_rgb([colors[0], colors[1], colors[2]]);
+                room
+            }
+            Colors::Sh { .. } => colors,
+        }
+    }
+
     /// Whether the lengths of the arrays fit each other.
     ///
     /// # Errors
@@ -323,85 +317,4 @@ fn all_finite(numbers: &[f32]) -> bool {
     const INFINITE: i32 = f32::INFINITY.to_bits() as i32;
     let magnitude = |number: &f32| number.abs().to_bits() as i32;
     numbers.iter().fold(0, |largest, number| largest.max(magnitude(number))) < INFINITE
-}
-
-impl Gradients {
-    /// The chain rule: gradients by the arrays that were stored as `stored`.
-    ///
-    /// # Panics
-    /// If these are not gradients of `stored`, or `kind` has another SH degree.
-    #[must_use]
-    pub fn activated(self, stored: &Gaussians, kind: Colors) -> ActivatedGradients {
-        let (n, used) = (stored.len(), sh_coefficients(kind.degree()) * 3);
-        assert_eq!(stored.sh_degree(), kind.degree(), "the SH degree of what was stored");
-        assert_eq!((self.geometry.len(), self.sh.len()), (n * ROW, n * used), "gradients of what was stored");
-        // Every number is written once, and none is read before.
-        let (mut means, mut quats) = (vec![0.0; n * 3], vec![0.0; n * 4]);
-        let (mut scales, mut opacities) = (vec![0.0; n * 3], vec![0.0; n]);
-        let isa = Isa::in_use();
-        means
-            .par_chunks_mut(CHUNK * 3)
-            .zip(quats.par_chunks_mut(CHUNK * 4))
-            .zip(scales.par_chunks_mut(CHUNK * 3))
-            .zip(opacities.par_chunks_mut(CHUNK))
-            .zip(stored.geometry().par_chunks(CHUNK * ROW))
-            .zip(self.geometry.par_chunks(CHUNK * ROW))
-            .for_each(|(((((means, quats), scales), opacities), stored), gradients)| {
-                compiled_for!(isa, {
-                    let rows = stored.chunks(BLOCK * ROW).zip(gradients.chunks(BLOCK * ROW));
-                    let found = means
-                        .chunks_mut(BLOCK * 3)
-                        .zip(quats.chunks_mut(BLOCK * 4))
-                        .zip(scales.chunks_mut(BLOCK * 3).zip(opacities.chunks_mut(BLOCK)));
-                    for ((stored, gradients), ((means, quats), (scales, opacities))) in rows.zip(found) {
-                        chain(stored, gradients, [means, quats, scales, opacities]);
-                    }
-                });
-            });
-        let colors = match kind {
-            Colors::Rgb => {
-                let mut by_rgb = self.sh;
-                by_rgb.par_chunks_mut(CHUNK * 3).for_each(|chunk| chunk.iter_mut().for_each(|g| *g /= SH_C0));
-                by_rgb
-            }
-            Colors::Sh { per_gaussian, .. } if per_gaussian * 3 == used => self.sh,
-            Colors::Sh { per_gaussian, .. } => {
-                let mut all = vec![0.0; n * per_gaussian * 3];
-                let rows = all.par_chunks_mut(per_gaussian * 3).zip(self.sh.par_chunks(used));
-                rows.for_each(|(all, found)| all[..used].copy_from_slice(found));
-                all
-            }
-        };
-        ActivatedGradients { means, quats, scales, opacities, colors }
-    }
-}
-
-/// The chain rule for at most [`BLOCK`] rows of geometry: by means, quaternions, scales and opacities.
-#[inline(always)]
-fn chain(stored: &[f32], gradients: &[f32], [means, quats, scales, opacities]: [&mut [f32]; 4]) {
-    let (mut inverse_scales, mut slopes) = ([0.0f64; 3 * BLOCK], [0.0f64; BLOCK]);
-    for (at, row) in stored.chunks_exact(ROW).enumerate() {
-        for (inverse, log) in inverse_scales[3 * at..][..3].iter_mut().zip(&row[LOG_SCALE]) {
-            *inverse = f64::from(-log);
-        }
-        slopes[at] = f64::from(row[OPACITY_LOGIT]);
-    }
-    for inverse in &mut inverse_scales {
-        *inverse = math::exp(*inverse);
-    }
-    for slope in &mut slopes {
-        // 1 / (o (1 - o)) = 2 + e^x + e^-x for the logit x: nothing cancels at either end.
-        let odds = math::exp(*slope);
-        *slope = 2.0 + odds + odds.recip();
-    }
-    for (at, row) in gradients.chunks_exact(ROW).enumerate() {
-        means[3 * at..][..3].copy_from_slice(&row[MEAN]);
-        quats[4 * at..][..4].copy_from_slice(&row[QUATERNION]);
-        for ((scale, gradient), inverse) in
-            scales[3 * at..][..3].iter_mut().zip(&row[LOG_SCALE]).zip(&inverse_scales[3 * at..])
-        {
-            *scale = (f64::from(*gradient) * inverse) as f32;
-        }
-        opacities[at] = (f64::from(row[OPACITY_LOGIT]) * slopes[at]) as f32;
-    }
 }

@@ -13,16 +13,19 @@ mod project_backward;
 mod sh;
 mod shape;
 mod span;
+mod sums;
 
 use crate::settings::{INTERSECTIONS_MAX, INTERSECTIONS_MAX_RECORDED};
 use crate::{
-    Activated, Error, Gradients, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering,
-    Result, StageSeconds, Style, TILE,
+    Activated, Error, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result,
+    StageSeconds, Style, TILE,
 };
 use cpu_kernels::Isa;
 use gs_scene::{Camera, Gaussians, Image};
+use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
+pub(crate) use sums::Sums;
 
 /// Where Gaussians are read.
 #[derive(Debug, Clone, Copy)]
@@ -33,18 +36,31 @@ pub(crate) enum Source<'a> {
     Activated(&'a Activated<'a>),
 }
 
-impl Source<'_> {
-    fn len(self) -> usize {
+impl<'a> Source<'a> {
+    /// Number of Gaussians.
+    pub(crate) fn len(self) -> usize {
         match self {
             Self::Stored(gaussians) => gaussians.len(),
             Self::Activated(gaussians) => gaussians.len(),
         }
     }
 
-    fn sh_degree(self) -> usize {
+    /// SH degree of what is stored.
+    pub(crate) fn sh_degree(self) -> usize {
         match self {
             Self::Stored(gaussians) => gaussians.sh_degree(),
             Self::Activated(gaussians) => gaussians.kind.degree(),
+        }
+    }
+
+    /// What is stored, for passes that read nothing else.
+    ///
+    /// # Errors
+    /// As [`Activated::store`].
+    pub(crate) fn stored(self) -> Result<Cow<'a, Gaussians>> {
+        match self {
+            Self::Stored(gaussians) => Ok(Cow::Borrowed(gaussians)),
+            Self::Activated(gaussians) => gaussians.store().map(Cow::Owned),
         }
     }
 }
@@ -126,12 +142,7 @@ pub(crate) fn render(
                 Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
             Ok(draw(source, camera, settings, &mut tape.frame, false, Isa::in_use())?.0)
         }
-        Style::Ellipsoids => match source {
-            Source::Stored(gaussians) => ellipsoids::render(gaussians, camera, settings, Isa::in_use()),
-            Source::Activated(gaussians) => {
-                ellipsoids::render(&gaussians.store()?, camera, settings, Isa::in_use())
-            }
-        },
+        Style::Ellipsoids => ellipsoids::render(source.stored()?.as_ref(), camera, settings, Isa::in_use()),
     }
 }
 
@@ -161,7 +172,7 @@ fn draw(
     let mut seconds = StageSeconds::default();
 
     let start = Instant::now();
-    frame.splats.project(source, camera, settings, grid, isa)?;
+    frame.splats.project(source, camera, settings, (grid, record), isa)?;
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
@@ -199,32 +210,23 @@ pub(crate) struct Shares<'a> {
     pub(crate) sums: &'a mut [[f32; 2]],
 }
 
-/// Adds this view's derivatives to `gradients`, which are of the scene that was recorded, and returns those by its pose.
+/// Adds this view's derivatives to `sums` and `background`, and returns those by its pose. `source` is the scene that was recorded.
 /// Adds its shares if they are asked for.
 pub(crate) fn backward(
-    gaussians: &Gaussians,
+    source: Source<'_>,
     camera: &Camera,
     settings: &RenderSettings,
     tape: &Tape,
     pixels: &PixelGradients,
-    (gradients, shares): (&mut Gradients, Option<Shares>),
+    (sums, background, shares): (&mut Sums<'_>, &mut [f64; 3], Option<Shares>),
     isa: Isa,
 ) -> PoseGradient {
     let (values, shares) = shares.map(|Shares { values, sums }| (values, sums)).unzip();
     let grid = Grid::new(camera.width(), camera.height());
     let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid, isa };
     let order = tape.frame.order.indices();
-    let summed =
-        blend_backward::sum(lists, settings, &tape.traces, (pixels, values), &mut gradients.background);
-    project_backward::project_backward(
-        gaussians,
-        camera,
-        settings,
-        (lists, order),
-        &summed,
-        gradients,
-        shares,
-    )
+    let summed = blend_backward::sum(lists, settings, &tape.traces, (pixels, values), background);
+    project_backward::project_backward(source, camera, settings, (lists, order), &summed, sums, shares)
 }
 
 #[cfg(test)]
@@ -269,17 +271,19 @@ mod tests {
             alpha: Some(plane(n, 2)),
             depth: depth.then(|| plane(n, 3)),
         };
-        let mut gradients = Gradients::zero(&scene);
+        let (mut geometry, mut sh) = (vec![0.0; scene.geometry().len()], vec![0.0; scene.sh().len()]);
+        let mut sums = Sums::Stored { geometry: &mut geometry, sh: &mut sh };
         let (values, mut shares): (Vec<f32>, _) = (plane(n, 4), vec![[0.0; 2]; scene.len()]);
         let of_shares = Some(Shares { values: &values, sums: &mut shares });
-        let pose = backward(&scene, &camera, &settings, &tape, &pixels, (&mut gradients, of_shares), isa);
+        let found = (&mut sums, &mut [0.0; 3], of_shares);
+        let pose = backward(Source::Stored(&scene), &camera, &settings, &tape, &pixels, found, isa);
         let pose = [pose.rotation.to_cols_array().as_slice(), &pose.translation.to_array()].concat();
         vec![
             ("image", rendering.image.data().to_vec()),
             ("alpha", rendering.alpha),
             ("depth", rendering.depth.unwrap_or_default()),
-            ("gradients by geometry", gradients.geometry),
-            ("gradients by colours", gradients.sh),
+            ("gradients by geometry", geometry),
+            ("gradients by colours", sh),
             ("shares", shares.into_flattened()),
             ("gradients by the pose", pose.into_iter().map(|value| value as f32).collect()),
         ]

@@ -39,6 +39,9 @@ pub enum Error {
         /// Their SH degree.
         found_degree: usize,
     },
+    /// The arrays of activated Gaussians have no gradients on a tape of stored Gaussians.
+    #[error("the tape is of stored Gaussians: call `backward`, or record by `record_activated`")]
+    NotActivated,
     /// An array of activated Gaussians does not have the length that their number asks for.
     #[error("{what}: {found} numbers for {gaussians} Gaussians, expected {expected}")]
     ArrayLength {

@@ -1,8 +1,11 @@
 //! Input and output of the backward pass.
 
-use crate::{Error, RenderSettings, Result};
+use crate::activated::{CHUNK, inside};
+use crate::cpu::Sums;
+use crate::{Activated, Colors, Error, RenderSettings, Result};
+use cpu_kernels::{Isa, compiled_for};
 use glam::{DMat3, DVec3};
-use gs_scene::{Camera, Gaussians};
+use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, SH_C0, sh_coefficients};
 use rayon::prelude::*;
 
 /// Derivatives of a loss with respect to the pixels of one [`Rendering`](crate::Rendering).
@@ -57,15 +60,111 @@ pub struct Gradients {
     pub poses: Vec<PoseGradient>,
 }
 
+/// [`Gradients`] in the shapes of the arrays of [`Activated`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct ActivatedGradients {
+    /// `[N, 3]`, 1 / scene units.
+    pub means: Vec<f32>,
+    /// `[N, 4]`.
+    pub quats: Vec<f32>,
+    /// `[N, 3]`, 1 / scene units.
+    pub scales: Vec<f32>,
+    /// `[N]`.
+    pub opacities: Vec<f32>,
+    /// In the shape of [`Activated::colors`]; 0 for coefficients that are not used.
+    pub colors: Vec<f32>,
+    /// By the background colour.
+    pub background: [f64; 3],
+    /// By the pose of each view.
+    pub poses: Vec<PoseGradient>,
+}
+
 impl Gradients {
     /// No gradient yet.
-    pub(crate) fn zero(gaussians: &Gaussians) -> Self {
+    pub(crate) fn zero(n: usize, sh_degree: usize) -> Self {
         Self {
-            geometry: zeros(gaussians.geometry().len()),
-            sh: zeros(gaussians.sh().len()),
+            geometry: zeros(n * Gaussians::GEOMETRY),
+            sh: zeros(n * sh_coefficients(sh_degree) * 3),
             background: [0.0; 3],
             poses: Vec::new(),
         }
+    }
+
+    /// Where the CPU adds the gradients by Gaussians.
+    pub(crate) fn sums(&mut self) -> Sums<'_> {
+        Sums::Stored { geometry: &mut self.geometry, sh: &mut self.sh }
+    }
+
+    /// The chain rule: gradients by activated Gaussians, of the gradients by what is stored of them.
+    ///
+    /// # Panics
+    /// If these are not gradients of as many Gaussians of the same SH degree.
+    #[must_use]
+    pub fn activated(self, gaussians: &Activated<'_>) -> ActivatedGradients {
+        let mut found = ActivatedGradients::zero(gaussians);
+        let (n, kind) = (gaussians.len(), gaussians.kind);
+        let (row, used) = (kind.row(), sh_coefficients(kind.degree()) * 3);
+        let expected = (n * Gaussians::GEOMETRY, n * used);
+        assert_eq!((self.geometry.len(), self.sh.len()), expected, "gradients of other Gaussians");
+        for (at, gradients) in self.geometry.chunks_exact(Gaussians::GEOMETRY).enumerate() {
+            found.means[3 * at..][..3].copy_from_slice(&gradients[MEAN]);
+            found.quats[4 * at..][..4].copy_from_slice(&gradients[QUATERNION]);
+            found.scales[3 * at..][..3].copy_from_slice(&gradients[LOG_SCALE]);
+            found.opacities[at] = gradients[OPACITY_LOGIT];
+        }
+        for (colors, sh) in found.colors.chunks_exact_mut(row).zip(self.sh.chunks_exact(used)) {
+            colors[..used].copy_from_slice(sh);
+        }
+        found.chain(gaussians);
+        ActivatedGradients { background: self.background, poses: self.poses, ..found }
+    }
+}
+
+impl ActivatedGradients {
+    /// No gradient yet.
+    pub(crate) fn zero(gaussians: &Activated<'_>) -> Self {
+        let n = gaussians.len();
+        Self {
+            means: zeros(3 * n),
+            quats: zeros(4 * n),
+            scales: zeros(3 * n),
+            opacities: zeros(n),
+            colors: zeros(gaussians.kind.row() * n),
+            background: [0.0; 3],
+            poses: Vec::new(),
+        }
+    }
+
+    /// Where the CPU adds the gradients by what is stored of Gaussians, before [`ActivatedGradients::chain`].
+    pub(crate) fn sums(&mut self, kind: Colors) -> Sums<'_> {
+        let Self { means, quats, scales, opacities, colors, .. } = self;
+        Sums::Activated { means, quats, log_scales: scales, logits: opacities, colors, color_row: kind.row() }
+    }
+
+    /// The chain rule, in place. With a loss L: ∂L/∂scale = ∂L/∂(ln scale) / scale, ∂L/∂opacity = ∂L/∂logit / (o (1 - o)),
+    /// ∂L/∂rgb = ∂L/∂dc / Y₀.
+    pub(crate) fn chain(&mut self, gaussians: &Activated<'_>) {
+        let isa = Isa::in_use();
+        let scales = self.scales.par_chunks_mut(CHUNK * 3).zip(gaussians.scales.par_chunks(CHUNK * 3));
+        let opacities = self.opacities.par_chunks_mut(CHUNK).zip(gaussians.opacities.par_chunks(CHUNK));
+        scales.zip(opacities).for_each(|(scales, opacities)| compiled_for!(isa, chain(scales, opacities)));
+        if gaussians.kind == Colors::Rgb {
+            let divide = |chunk: &mut [f32]| chunk.iter_mut().for_each(|gradient| *gradient /= SH_C0);
+            self.colors.par_chunks_mut(CHUNK * 3).for_each(divide);
+        }
+    }
+}
+
+/// The chain rule for pairs of gradients and numbers, which is a loop without branches.
+#[inline(always)]
+fn chain((by_scales, scales): (&mut [f32], &[f32]), (by_opacities, opacities): (&mut [f32], &[f32])) {
+    for (gradient, scale) in by_scales.iter_mut().zip(scales) {
+        *gradient = (f64::from(*gradient) / f64::from(*scale)) as f32;
+    }
+    for (gradient, opacity) in by_opacities.iter_mut().zip(opacities) {
+        // 1 - o is exact in f64.
+        let opacity = inside(*opacity);
+        *gradient = (f64::from(*gradient) / (opacity * (1.0 - opacity))) as f32;
     }
 }
 

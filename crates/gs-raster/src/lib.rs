@@ -13,9 +13,9 @@ mod cpu;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 
-pub use activated::{Activated, ActivatedGradients, Colors};
+pub use activated::{Activated, Colors};
 pub use error::{Error, Result};
-pub use gradients::{Gradients, PixelGradients, PoseGradient};
+pub use gradients::{ActivatedGradients, Gradients, PixelGradients, PoseGradient};
 pub use near::{NEAR_SAMPLE, NEAR_SHARE, near_plane};
 pub use rasterizer::{Device, Rasterizer, Tape};
 pub use render::{RenderStats, Rendering, StageSeconds, TILE};

@@ -2,8 +2,11 @@
 
 #[cfg(feature = "gpu")]
 use crate::gpu::{self, AdapterChoice, Gpu, GpuOptions};
-use crate::{Activated, Error, Gradients, PixelGradients, RenderSettings, Rendering, Result, Style, cpu};
-use cpu::Source;
+use crate::{
+    Activated, ActivatedGradients, Error, Gradients, PixelGradients, PoseGradient, RenderSettings, Rendering,
+    Result, Style, cpu,
+};
+use cpu::{Source, Sums};
 use cpu_kernels::Isa;
 use gs_scene::{Camera, Gaussians};
 
@@ -39,6 +42,8 @@ enum Backend {
 pub struct Tape {
     n_gaussians: usize,
     sh_degree: usize,
+    /// Whether activated Gaussians were recorded.
+    is_activated: bool,
     cameras: Vec<Camera>,
     settings: RenderSettings,
     views: Views,
@@ -133,15 +138,7 @@ impl Rasterizer {
         cameras: &[Camera],
         settings: &RenderSettings,
     ) -> Result<Vec<Rendering>> {
-        settings.check()?;
-        match &mut self.backend {
-            Backend::Cpu(scratch) => {
-                let source = Source::Stored(gaussians);
-                cameras.iter().map(|camera| cpu::render(source, camera, settings, scratch)).collect()
-            }
-            #[cfg(feature = "gpu")]
-            Backend::Gpu(gpu) => gpu.render(gaussians, cameras, settings),
-        }
+        self.render_source(Source::Stored(gaussians), cameras, settings)
     }
 
     /// As [`Rasterizer::render_views`], of activated Gaussians, with the same bytes as a result. The CPU reads the arrays in place; a
@@ -156,18 +153,23 @@ impl Rasterizer {
         cameras: &[Camera],
         settings: &RenderSettings,
     ) -> Result<Vec<Rendering>> {
+        self.render_source(Source::Activated(gaussians), cameras, settings)
+    }
+
+    fn render_source(
+        &mut self,
+        source: Source<'_>,
+        cameras: &[Camera],
+        settings: &RenderSettings,
+    ) -> Result<Vec<Rendering>> {
         settings.check()?;
+        check(source, cameras)?;
         match &mut self.backend {
             Backend::Cpu(scratch) => {
-                gaussians.check_lengths()?;
-                if cameras.is_empty() {
-                    gaussians.check_numbers()?;
-                }
-                let source = Source::Activated(gaussians);
                 cameras.iter().map(|camera| cpu::render(source, camera, settings, scratch)).collect()
             }
             #[cfg(feature = "gpu")]
-            Backend::Gpu(gpu) => gpu.render(&gaussians.store()?, cameras, settings),
+            Backend::Gpu(gpu) => gpu.render(source.stored()?.as_ref(), cameras, settings),
         }
     }
 
@@ -181,16 +183,39 @@ impl Rasterizer {
         cameras: &[Camera],
         settings: &RenderSettings,
     ) -> Result<(Vec<Rendering>, Tape)> {
+        self.record_source(Source::Stored(gaussians), cameras, settings)
+    }
+
+    /// As [`Rasterizer::record`], of activated Gaussians, for [`Rasterizer::backward_activated`]. The CPU reads the arrays in place; a
+    /// GPU gets them as they are stored.
+    ///
+    /// # Errors
+    /// As [`Rasterizer::render_activated`].
+    pub fn record_activated(
+        &mut self,
+        gaussians: &Activated<'_>,
+        cameras: &[Camera],
+        settings: &RenderSettings,
+    ) -> Result<(Vec<Rendering>, Tape)> {
+        self.record_source(Source::Activated(gaussians), cameras, settings)
+    }
+
+    fn record_source(
+        &mut self,
+        source: Source<'_>,
+        cameras: &[Camera],
+        settings: &RenderSettings,
+    ) -> Result<(Vec<Rendering>, Tape)> {
         settings.check()?;
         if settings.style != Style::Blended {
             return Err(Error::NotBlended);
         }
+        check(source, cameras)?;
         let (renderings, views) = match &mut self.backend {
             Backend::Cpu(scratch) => {
                 let (mut renderings, mut views) = (Vec::new(), Vec::new());
                 for camera in cameras {
-                    let (rendering, view) =
-                        cpu::record(Source::Stored(gaussians), camera, settings, scratch)?;
+                    let (rendering, view) = cpu::record(source, camera, settings, scratch)?;
                     renderings.push(rendering);
                     views.push(view);
                 }
@@ -198,13 +223,14 @@ impl Rasterizer {
             }
             #[cfg(feature = "gpu")]
             Backend::Gpu(gpu) => {
-                let (renderings, tape) = gpu.record(gaussians, cameras, settings)?;
+                let (renderings, tape) = gpu.record(source.stored()?.as_ref(), cameras, settings)?;
                 (renderings, Views::Gpu(tape))
             }
         };
         let tape = Tape {
-            n_gaussians: gaussians.len(),
-            sh_degree: gaussians.sh_degree(),
+            n_gaussians: source.len(),
+            sh_degree: source.sh_degree(),
+            is_activated: matches!(source, Source::Activated(_)),
             cameras: cameras.to_vec(),
             settings: *settings,
             views,
@@ -225,6 +251,42 @@ impl Rasterizer {
         pixels: &[PixelGradients],
     ) -> Result<Gradients> {
         Ok(self.differentiate(gaussians, tape, pixels, None)?.0)
+    }
+
+    /// As [`Rasterizer::backward`], by the arrays of activated Gaussians that were recorded; these must hold the same numbers still. Equals
+    /// [`Gradients::activated`] of the gradients by what is stored, to the bit.
+    ///
+    /// # Errors
+    /// As [`Rasterizer::backward`]; if the lengths of the arrays do not fit each other, or stored Gaussians were recorded.
+    pub fn backward_activated(
+        &mut self,
+        gaussians: &Activated<'_>,
+        tape: &Tape,
+        pixels: &[PixelGradients],
+    ) -> Result<ActivatedGradients> {
+        gaussians.check_lengths()?;
+        let source = Source::Activated(gaussians);
+        tape.check(source, pixels)?;
+        if !tape.is_activated {
+            return Err(Error::NotActivated);
+        }
+        match (&mut self.backend, &tape.views) {
+            (Backend::Cpu(_), Views::Cpu(views)) => {
+                let mut found = ActivatedGradients::zero(gaussians);
+                let by_views = tape.differentiate(source, views, pixels, found.sums(gaussians.kind), None);
+                (found.background, found.poses) = by_views;
+                found.chain(gaussians);
+                Ok(found)
+            }
+            #[cfg(feature = "gpu")]
+            (Backend::Gpu(gpu), Views::Gpu(views)) => {
+                let mut gradients = Gradients::zero(source.len(), source.sh_degree());
+                gpu.backward(views, &tape.cameras, pixels, &mut gradients)?;
+                Ok(gradients.activated(gaussians))
+            }
+            #[cfg(feature = "gpu")]
+            _ => Err(Error::OtherDevice),
+        }
     }
 
     /// As [`Rasterizer::backward`], and for every Gaussian (Σ w, Σ w v): w is its share in a pixel, by which its colour is
@@ -259,31 +321,15 @@ impl Rasterizer {
         pixels: &[PixelGradients],
         values: Option<&[Vec<f32>]>,
     ) -> Result<(Gradients, Vec<[f32; 2]>)> {
-        let (found, found_degree) = (gaussians.len(), gaussians.sh_degree());
-        if (found, found_degree) != (tape.n_gaussians, tape.sh_degree) {
-            let (expected, expected_degree) = (tape.n_gaussians, tape.sh_degree);
-            return Err(Error::OtherScene { expected, expected_degree, found, found_degree });
-        }
-        if pixels.len() != tape.cameras.len() {
-            return Err(Error::Views { expected: tape.cameras.len(), found: pixels.len() });
-        }
-        for (camera, pixels) in tape.cameras.iter().zip(pixels) {
-            pixels.check(camera, &tape.settings)?;
-        }
-        let mut gradients = Gradients::zero(gaussians);
-        let mut shares = vec![[0.0; 2]; if values.is_some() { gaussians.len() } else { 0 }];
+        let source = Source::Stored(gaussians);
+        tape.check(source, pixels)?;
+        let mut gradients = Gradients::zero(source.len(), source.sh_degree());
+        let mut shares = vec![[0.0; 2]; if values.is_some() { source.len() } else { 0 }];
         match (&mut self.backend, &tape.views) {
             (Backend::Cpu(_), Views::Cpu(views)) => {
-                let isa = Isa::in_use();
-                for (index, (view, camera)) in views.iter().zip(&tape.cameras).enumerate() {
-                    let shares =
-                        values.map(|values| cpu::Shares { values: &values[index], sums: &mut shares });
-                    let pixels = &pixels[index];
-                    let settings = &tape.settings;
-                    let found = (&mut gradients, shares);
-                    let pose = cpu::backward(gaussians, camera, settings, view, pixels, found, isa);
-                    gradients.poses.push(pose);
-                }
+                let of_shares = values.map(|values| (values, &mut shares[..]));
+                let by_views = tape.differentiate(source, views, pixels, gradients.sums(), of_shares);
+                (gradients.background, gradients.poses) = by_views;
             }
             #[cfg(feature = "gpu")]
             (Backend::Gpu(_), Views::Gpu(_)) if values.is_some() => return Err(Error::SharesOnGpu),
@@ -295,5 +341,51 @@ impl Rasterizer {
             _ => return Err(Error::OtherDevice),
         }
         Ok((gradients, shares))
+    }
+}
+
+/// Whether the lengths of activated arrays fit each other and, if no camera looks at them, their numbers are those of Gaussians.
+fn check(source: Source<'_>, cameras: &[Camera]) -> Result<()> {
+    let Source::Activated(gaussians) = source else { return Ok(()) };
+    gaussians.check_lengths()?;
+    if cameras.is_empty() { gaussians.check_numbers() } else { Ok(()) }
+}
+
+/// Values of the pixels of each view, and the sums of every Gaussian's shares that they weight.
+type Weighted<'a> = (&'a [Vec<f32>], &'a mut [[f32; 2]]);
+
+impl Tape {
+    /// Whether Gaussians and pixels have the size of what was recorded.
+    fn check(&self, source: Source<'_>, pixels: &[PixelGradients]) -> Result<()> {
+        let (found, found_degree) = (source.len(), source.sh_degree());
+        let (expected, expected_degree) = (self.n_gaussians, self.sh_degree);
+        if (found, found_degree) != (expected, expected_degree) {
+            return Err(Error::OtherScene { expected, expected_degree, found, found_degree });
+        }
+        if pixels.len() != self.cameras.len() {
+            return Err(Error::Views { expected: self.cameras.len(), found: pixels.len() });
+        }
+        self.cameras.iter().zip(pixels).try_for_each(|(camera, pixels)| pixels.check(camera, &self.settings))
+    }
+
+    /// The backward pass of all views on the CPU: adds the gradients by Gaussians to `sums`, and the shares if they are asked for to the
+    /// second part of `shares`. Returns the gradients by the background and by the poses.
+    fn differentiate(
+        &self,
+        source: Source<'_>,
+        views: &[cpu::Tape],
+        pixels: &[PixelGradients],
+        mut sums: Sums<'_>,
+        mut shares: Option<Weighted<'_>>,
+    ) -> ([f64; 3], Vec<PoseGradient>) {
+        let isa = Isa::in_use();
+        let mut background = [0.0; 3];
+        let mut poses = Vec::with_capacity(views.len());
+        for (index, ((view, camera), pixels)) in views.iter().zip(&self.cameras).zip(pixels).enumerate() {
+            let shares = shares.as_mut().map(|(values, sums)| cpu::Shares { values: &values[index], sums });
+            let found = (&mut sums, &mut background, shares);
+            poses.push(cpu::backward(source, camera, &self.settings, view, pixels, found, isa));
+        }
+        (background, poses)
     }
 }

@@ -1,11 +1,11 @@
 """What a call from Python takes beside the same work in Rust.
 
-Every call measures itself: `meta["seconds"]` and the gradients' `seconds` are the wall time of the Rust API alone. The overhead is
-everything else: activated arrays, the chain rule, pictures to arrays, the thread, Python.
+The Rust API is timed within `Scene.render` and within `Scene.record` + `backward`, which give it stored Gaussians, as in the Rust
+bench: `meta["seconds"]` and the gradients' `seconds` are its wall time alone. A call is compared with the one of them that draws the same
+picture, with gradients or without, in the same turn. The overhead is everything else: activated arrays, the chain rule, pictures to
+arrays, the thread, Python.
 
-`Scene.render` and `record` + `backward` are compared with the Rust API within the same call: it is given stored Gaussians there, as in the
-Rust bench. `rasterize` gives the Rust API activated arrays, so it is compared with the Rust API of `Scene.render` in the same turn.
-CPU is the processor time of a call beside that of `Scene.render`, all threads and Python together; it varies less than wall time on a
+CPU is the processor time of a call beside that of its reference, all threads and Python together; it varies less than wall time on a
 busy machine.
 
     python overhead.py [--counts 40000,150000] [--runs 41] [--torch]
@@ -40,15 +40,21 @@ def cases(scene, arrays, camera):
         return scene.render(**camera, near_plane=0.01, device="cpu")[2]["seconds"]
 
     def forward():
-        return ss.rasterize(**arrays, **camera, sh_degree=2, device="cpu")[2]["seconds"]
+        ss.rasterize(**arrays, **camera, sh_degree=2, device="cpu")
 
-    def both():
-        _, _, meta, tape = ss.record(**arrays, **camera, sh_degree=2, device="cpu")
+    def stored():
+        _, _, meta, tape = scene.record(**camera, near_plane=0.01, device="cpu")
         return meta["seconds"] + tape.backward(v_colors)["seconds"]
 
-    yield "Scene.render", render
-    yield "rasterize", forward
-    yield "record + backward", both
+    def both():
+        _, _, _, tape = ss.record(**arrays, **camera, sh_degree=2, device="cpu")
+        tape.backward(v_colors)
+
+    # Name, call, and the call within which the Rust API is timed.
+    yield "Scene.render", render, "Scene.render"
+    yield "rasterize", forward, "Scene.render"
+    yield "Scene.record + backward", stored, "Scene.record + backward"
+    yield "record + backward", both, "Scene.record + backward"
     if options.torch:
         import torch
 
@@ -63,34 +69,29 @@ def cases(scene, arrays, camera):
                 tensor.grad = None
             colors, _, _ = sst.rasterize(**tensors, **views, sh_degree=2, device="cpu")
             colors.backward(weights)
-            # Autograd does not hand over the gradients' `seconds`: compared with `record + backward` of the same turn.
-            return np.nan
 
-        yield "torch, forward + backward", operation
+        yield "torch, forward + backward", operation, "Scene.record + backward"
 
 
 for count in map(int, options.counts.split(",")):
     given = courtyard(count)
     calls = list(cases(*given))
-    found = {name: [] for name, _ in calls}
+    found = {name: [] for name, _, _ in calls}
     for run in range(options.runs + 3):
         # In turns, so that what else the machine does falls on all alike.
-        for name, call in calls:
+        for name, call, _ in calls:
             took = timed(call)
             if run >= 3:
                 found[name].append(took)
+    # None becomes NaN.
     found = {name: np.array(times, float) for name, times in found.items()}
-    stored = found["Scene.render"]
-    for name, times in found.items():
-        total, inside, cpu = times.T
-        if name == "rasterize":
-            inside = stored[:, 1]
-        elif np.isnan(inside).all():
-            inside = found["record + backward"][:, 1]
+    for name, _, reference in calls:
+        total, _, cpu = found[name].T
+        _, inside, cpu_of_reference = found[reference].T
         over = np.percentile(total / inside, [25, 50, 75]) - 1
         print(
             f"{count:>7} {name:<26} {1e3 * np.median(total):7.2f} ms, in Rust {1e3 * np.median(inside):7.2f} ms, "
             f"overhead {100 * over[1]:5.1f} % (quartiles {100 * over[0]:.1f}, {100 * over[2]:.1f}), "
-            f"CPU {np.median(cpu / stored[:, 2]):.3f} times Scene.render's",
+            f"CPU {np.median(cpu / cpu_of_reference):.3f} times {reference}'s",
             flush=True,
         )

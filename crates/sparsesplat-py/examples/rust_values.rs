@@ -77,7 +77,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     write(folder, "depth", &join(&|view| view.depth.clone().unwrap_or_default()))?;
     let poses = found.poses.clone();
     let by_background = found.background;
-    let by = found.activated(&stored, kind);
+    let by = found.activated(&arrays);
     write(folder, "by_means", &by.means)?;
     write(folder, "by_quats", &by.quats)?;
     write(folder, "by_scales", &by.scales)?;

@@ -1,8 +1,9 @@
 //! Numpy arrays in and out.
 
+use numpy::ndarray::IntoDimension;
 use numpy::{
-    Element, PyArray, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
-    PyUntypedArray, PyUntypedArrayMethods,
+    Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -81,15 +82,10 @@ pub(crate) fn read_f64(name: &str, value: &Bound<'_, PyAny>, shape: &[Side]) -> 
 }
 
 /// An array that takes `data` over, without a copy.
-pub(crate) fn give<'py, T: Element, const D: usize>(
-    py: Python<'py>,
+pub(crate) fn give<T: Element>(
+    py: Python<'_>,
     data: Vec<T>,
-    shape: [usize; D],
-) -> PyResult<Bound<'py, PyAny>>
-where
-    [usize; D]: numpy::ndarray::IntoDimension<Dim = numpy::ndarray::Dim<[usize; D]>>,
-    numpy::ndarray::Dim<[usize; D]>: numpy::ndarray::Dimension,
-{
-    let array: Bound<'py, PyArray<T, _>> = PyArray1::from_vec(py, data).reshape(shape)?;
-    Ok(array.into_any())
+    shape: impl IntoDimension,
+) -> PyResult<Bound<'_, PyAny>> {
+    Ok(PyArray1::from_vec(py, data).reshape(shape)?.into_any())
 }

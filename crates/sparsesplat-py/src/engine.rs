@@ -4,9 +4,9 @@
 //! and Ctrl-C comes through.
 
 use gs_raster::{Device, Rasterizer};
-use gs_scene::Gaussians;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,8 +17,9 @@ use std::time::Duration;
 
 /// How often a waiting caller looks for signals.
 const SIGNALS: Duration = Duration::from_millis(50);
-/// Sets of Gaussians that are kept to be filled anew: fresh memory costs as much time as filling it. A training step has one tape.
-const SPARE: usize = 2;
+/// Buffers that are kept to be filled anew: fresh memory costs as much time as filling it. A training step has one tape, which copies
+/// five arrays, and the gradients by one picture or a few.
+const SPARE: usize = 16;
 
 /// Threads, rasterizers and buffers of one process.
 pub(crate) struct Engine {
@@ -26,7 +27,7 @@ pub(crate) struct Engine {
     pool: ThreadPool,
     /// One per device; taken out while it works.
     rasterizers: [Mutex<Option<Rasterizer>>; 3],
-    spare: Mutex<Vec<Gaussians>>,
+    spare: Mutex<Vec<Vec<f32>>>,
 }
 
 /// The engine of this process. Only looked at while the interpreter is attached: a fork, which Python does in such a moment,
@@ -82,22 +83,25 @@ impl Engine {
         result
     }
 
-    /// Gaussians to be filled, with some content.
-    pub(crate) fn blank(&self, n: usize, sh_degree: usize) -> gs_scene::Result<Gaussians> {
-        let mut spare = lock(&self.spare);
-        let fits = |gaussians: &Gaussians| (gaussians.len(), gaussians.sh_degree()) == (n, sh_degree);
-        if let Some(at) = spare.iter().position(fits) {
-            return Ok(spare.swap_remove(at));
-        }
-        drop(spare);
-        let sh = n * gs_scene::sh_coefficients(sh_degree) * 3;
-        Gaussians::new(sh_degree, vec![0.0; n * Gaussians::GEOMETRY], vec![0.0; sh])
+    /// A copy of numbers, which all threads write, in a spare buffer of this length if there is any.
+    pub(crate) fn copy(&self, numbers: &[f32]) -> Vec<f32> {
+        const CHUNK: usize = 1 << 14;
+        let spare = {
+            let mut spare = lock(&self.spare);
+            let found = spare.iter().position(|buffer| buffer.len() == numbers.len());
+            found.map(|at| spare.remove(at))
+        };
+        let mut copy = spare.unwrap_or_else(|| vec![0.0; numbers.len()]);
+        let chunks = copy.par_chunks_mut(CHUNK).zip(numbers.par_chunks(CHUNK));
+        chunks.for_each(|(copy, numbers)| copy.copy_from_slice(numbers));
+        copy
     }
 
-    /// Takes Gaussians back that nobody needs any more.
-    pub(crate) fn recycle(&self, gaussians: Gaussians) {
+    /// Takes buffers back that nobody needs any more.
+    pub(crate) fn recycle(&self, buffers: impl IntoIterator<Item = Vec<f32>>) {
         let mut spare = lock(&self.spare);
-        spare.insert(0, gaussians);
+        // The newest come first.
+        spare.splice(0..0, buffers);
         spare.truncate(SPARE);
     }
 }

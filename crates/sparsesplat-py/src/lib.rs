@@ -5,6 +5,7 @@ mod cameras;
 mod engine;
 mod failure;
 
+mod kept;
 mod rasterize;
 mod tape;
 

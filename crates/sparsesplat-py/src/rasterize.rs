@@ -4,21 +4,21 @@ use crate::arrays::{Side, give, read};
 use crate::cameras::Cameras;
 use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
+use crate::kept::{Copied, Kept, Numbers};
 use crate::tape::{Recorded, Tape};
 use gs_raster::{Activated, Colors, Device, Rasterizer, RenderSettings, Rendering};
-use gs_scene::{Camera, Gaussians};
-use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use gs_scene::Camera;
+use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use std::sync::Arc;
 use std::time::Instant;
 
 /// Colours, alphas, meta.
 pub(crate) type Pictures<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyDict>);
 /// Colours, alphas, meta, tape.
-type Recording<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyDict>, Tape);
+pub(crate) type Recording<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyDict>, Tape);
 
 /// Pictures of Gaussians: colours [C, height, width, X], alphas [C, height, width, 1], and a dict that says what was drawn.
 #[pyfunction]
@@ -57,14 +57,15 @@ pub(crate) fn rasterize<'py>(
     request.pictures(py, drawn.or_raise()?)
 }
 
-/// As rasterize, and a tape, whose method backward gives the gradients.
+/// As rasterize, and a tape, whose method backward gives the gradients. With copy=False the tape reads the arrays again in
+/// backward, which must hold the same numbers then.
 #[pyfunction]
 #[pyo3(
     signature = (means, quats, scales, opacities, colors, viewmats, Ks, width, height, **settings),
     text_signature = "(means, quats, scales, opacities, colors, viewmats, Ks, width, height, *, near_plane=0.01, \
                       far_plane=1e10, eps2d=0.3, sh_degree=None, backgrounds=None, render_mode='RGB', \
                       rasterize_mode='classic', device='auto', alpha_min=0.00392156862745098, alpha_max=0.99, \
-                      transmittance_min=1e-4, compensation_min=0.005)"
+                      transmittance_min=1e-4, compensation_min=0.005, copy=True)"
 )]
 #[expect(non_snake_case, reason = "the name of the argument")]
 #[expect(clippy::too_many_arguments, reason = "those of gsplat")]
@@ -82,16 +83,18 @@ pub(crate) fn record<'py>(
     settings: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Recording<'py>> {
     let (sh_degree, settings) = without_sh_degree(settings)?;
+    let is_copied = take(settings.as_ref(), "copy")?.map_or(Ok(true), |copy| copy.is_truthy())?;
     let cameras = Cameras::read(viewmats, Ks, width, height)?;
-    let request = Arc::new(Request::read("record", cameras, (width, height), settings.as_ref(), None)?);
+    let request = Request::read("record", cameras, (width, height), settings.as_ref(), None)?;
     let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
-    let (arrays, engine) = (arrays.activated()?, engine(py)?);
+    let (activated, engine) = (arrays.activated()?, engine(py)?);
     let recorded = engine::run_borrowing(py, |caller| {
-        Recorded::new(engine, caller, store(engine, &arrays)?, arrays.kind, Arc::clone(&request))
+        let copy = || is_copied.then(|| Copied::of(&activated, engine));
+        Recorded::draw(engine, caller, Numbers::Activated(activated), &request, copy)
     })?;
-    let (drawn, recorded) = recorded.or_raise()?;
-    let (colors, alphas, meta) = request.pictures(py, drawn)?;
-    Ok((colors, alphas, meta, Tape::new(recorded)))
+    let (drawn, recorded, copied) = recorded.or_raise()?;
+    let kept = copied.map_or_else(|| Kept::InPlace(arrays.unbind()), Kept::Copy);
+    Tape::give(py, engine, request, (drawn, recorded, kept))
 }
 
 /// What `device` stands for on this machine: the name of the adapter, or "cpu"; and why "auto" took the CPU.
@@ -103,22 +106,30 @@ pub(crate) fn device(py: Python<'_>, device: &str) -> PyResult<(String, Option<S
         .or_raise()
 }
 
-/// `sh_degree`, which belongs to the Gaussians, and the settings without it.
+/// `sh_degree`, which belongs to the Gaussians, and a copy of the settings without it.
 pub(crate) fn without_sh_degree<'py>(
     settings: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<(Option<usize>, Option<Bound<'py, PyDict>>)> {
-    let Some(settings) = settings else { return Ok((None, None)) };
-    let settings = settings.copy()?;
-    let mut degree = None;
-    if let Some(value) = settings.get_item("sh_degree")? {
-        degree = value.extract().map_err(|_| {
+    let settings = settings.map(|settings| settings.copy()).transpose()?;
+    let degree = match take(settings.as_ref(), "sh_degree")? {
+        None => None,
+        Some(value) => value.extract().map_err(|_| {
             PyValueError::new_err(format!(
                 "sh_degree is {value}, expected None or a whole number from 0 to 3"
             ))
-        })?;
-        settings.del_item("sh_degree")?;
+        })?,
+    };
+    Ok((degree, settings))
+}
+
+/// A setting, which is removed from the others.
+fn take<'py>(settings: Option<&Bound<'py, PyDict>>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+    let Some(settings) = settings else { return Ok(None) };
+    let value = settings.get_item(name)?;
+    if value.is_some() {
+        settings.del_item(name)?;
     }
-    Ok((degree, Some(settings)))
+    Ok(value)
 }
 
 /// Activated Gaussians as numpy arrays.
@@ -165,6 +176,17 @@ impl<'py> Arrays<'py> {
         Ok(Self { means, quats, scales, opacities, colors, kind })
     }
 
+    /// The arrays for later.
+    pub(crate) fn unbind(&self) -> Unbound {
+        let Self { means, quats, scales, opacities, colors, kind } = self;
+        let arrays = [means, quats, scales, opacities, colors].map(|array| (**array).clone().unbind());
+        let sh_degree = match *kind {
+            Colors::Rgb => None,
+            Colors::Sh { degree, .. } => Some(degree),
+        };
+        Unbound { arrays, sh_degree }
+    }
+
     /// The arrays in place.
     pub(crate) fn activated(&self) -> PyResult<Activated<'_>> {
         Ok(Activated {
@@ -178,14 +200,23 @@ impl<'py> Arrays<'py> {
     }
 }
 
-/// Activated Gaussians as they are stored.
-///
-/// # Errors
-/// For numbers that no Gaussian has.
-pub(crate) fn store(engine: &Engine, arrays: &Activated<'_>) -> gs_raster::Result<Gaussians> {
-    let mut stored = engine.blank(arrays.len(), arrays.kind.degree())?;
-    engine.install(|| arrays.store_into(&mut stored))?;
-    Ok(stored)
+/// [`Arrays`] that outlive a call.
+pub(crate) struct Unbound {
+    /// Means, quaternions, scales, opacities, colours.
+    arrays: [Py<PyArrayDyn<f32>>; 5],
+    sh_degree: Option<usize>,
+}
+
+impl Unbound {
+    /// The arrays as they are now.
+    ///
+    /// # Errors
+    /// As [`Arrays::read`].
+    pub(crate) fn bind<'py>(&self, py: Python<'py>) -> PyResult<Arrays<'py>> {
+        let [means, quats, scales, opacities, colors] =
+            self.arrays.each_ref().map(|array| array.bind(py).as_any());
+        Arrays::read(means, quats, scales, opacities, colors, self.sh_degree)
+    }
 }
 
 /// What a picture consists of: gsplat's `render_mode`.
@@ -237,7 +268,7 @@ pub(crate) struct Run {
 }
 
 /// Cameras that are drawn in one go: a GPU is given the scene once for them.
-const TOGETHER: usize = 4;
+pub(crate) const TOGETHER: usize = 4;
 
 /// What is asked for.
 #[derive(Debug)]
@@ -408,9 +439,13 @@ impl Request {
         meta.set_item("device", &drawn.device.0)?;
         meta.set_item("fallback", &drawn.device.1)?;
         meta.set_item("seconds", drawn.seconds)?;
-        let mode = self.mode;
-        let engine = engine(py)?;
-        let (colors, alphas) = py.detach(|| engine.install(|| assemble(drawn.views, mode)));
+        let (mode, engine) = (self.mode, engine(py)?);
+        let (colors, alphas) = match <[Rendering; 1]>::try_from(drawn.views) {
+            // Nothing is copied.
+            Ok([view]) if mode.depth.is_none() => (view.image.into_data(), view.alpha),
+            Ok(view) => py.detach(|| engine.install(|| assemble(&view, mode))),
+            Err(views) => py.detach(|| engine.install(|| assemble(&views, mode))),
+        };
         let colors = give(py, colors, [count, height, width, mode.channels()])?;
         Ok((colors, give(py, alphas, [count, height, width, 1])?, meta))
     }
@@ -423,12 +458,8 @@ impl Drawn {
     }
 }
 
-/// The pictures and the opacities of all views, one after the other. Of one view without depth nothing is copied.
-fn assemble(views: Vec<Rendering>, mode: Mode) -> (Vec<f32>, Vec<f32>) {
-    if let ([_], Mode { colors: true, depth: None }) = (&views[..], mode) {
-        let view = views.into_iter().next().expect("one view");
-        return (view.image.into_data(), view.alpha);
-    }
+/// The pictures and the opacities of all views, one after the other.
+fn assemble(views: &[Rendering], mode: Mode) -> (Vec<f32>, Vec<f32>) {
     let pixels = views.first().map_or(0, |view| view.alpha.len());
     let (channels, row) = (mode.channels(), 1 << 12);
     let mut colors = vec![0.0; views.len() * pixels * channels];
@@ -447,7 +478,7 @@ fn assemble(views: Vec<Rendering>, mode: Mode) -> (Vec<f32>, Vec<f32>) {
             }
         });
     }
-    let alphas = views.into_iter().flat_map(|view| view.alpha).collect();
+    let alphas = views.iter().flat_map(|view| &view.alpha).copied().collect();
     (colors, alphas)
 }
 

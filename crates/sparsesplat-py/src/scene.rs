@@ -4,8 +4,10 @@ use crate::arrays::{Side, give, read};
 use crate::cameras::Cameras;
 use crate::engine::{self, engine};
 use crate::failure::OrRaise;
-use crate::rasterize::{Arrays, Pictures, Request, store};
+use crate::kept::{Kept, Numbers};
+use crate::rasterize::{Arrays, Pictures, Recording, Request};
 use crate::reconstruct::Report;
+use crate::tape::{Recorded, Tape};
 use gs_raster::near_plane;
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
 use numpy::PyUntypedArrayMethods;
@@ -34,6 +36,19 @@ impl Scene {
         let rows = self.gaussians.geometry().chunks_exact(Gaussians::GEOMETRY);
         rows.flat_map(|row| row[columns.clone()].iter().copied()).collect()
     }
+
+    /// What is asked for; the near plane follows the scene if none is given.
+    fn request(
+        &self,
+        function: &str,
+        [viewmats, ks]: [&Bound<'_, PyAny>; 2],
+        (width, height): (usize, usize),
+        settings: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Request> {
+        let cameras = Cameras::read(viewmats, ks, width, height)?;
+        let near = |camera: &_| near_plane(&self.gaussians, camera);
+        Request::read(function, cameras, (width, height), settings, Some(&near))
+    }
 }
 
 #[pymethods]
@@ -52,7 +67,7 @@ impl Scene {
     ) -> PyResult<Self> {
         let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
         let (arrays, engine) = (arrays.activated()?, engine(py)?);
-        Ok(Self::new(py.detach(|| store(engine, &arrays)).or_raise()?, None))
+        Ok(Self::new(py.detach(|| engine.install(|| arrays.store())).or_raise()?, None))
     }
 
     /// A scene of what is stored: geometry float32 [N, 11], sh float32 [N, (degree+1)², 3].
@@ -134,9 +149,7 @@ impl Scene {
         height: usize,
         settings: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Pictures<'py>> {
-        let cameras = Cameras::read(viewmats, Ks, width, height)?;
-        let near = |camera: &_| near_plane(&self.gaussians, camera);
-        let request = Request::read("render", cameras, (width, height), settings, Some(&near))?;
+        let request = self.request("render", [viewmats, Ks], (width, height), settings)?;
         let (engine, gaussians) = (engine(py)?, Arc::clone(&self.gaussians));
         let (drawn, request) = engine::run(py, None, move |caller| {
             let drawn = request.render(engine, caller, |rasterizer, cameras, settings| {
@@ -145,6 +158,33 @@ impl Scene {
             (drawn, request)
         })?;
         request.pictures(py, drawn.or_raise()?)
+    }
+
+    /// As render, and a tape, whose method backward gives the gradients by geometry and sh.
+    #[pyo3(
+        signature = (viewmats, Ks, width, height, **settings),
+        text_signature = "($self, viewmats, Ks, width, height, *, near_plane=None, far_plane=1e10, eps2d=0.3, \
+                          backgrounds=None, render_mode='RGB', rasterize_mode='classic', device='auto', alpha_min=0.00392156862745098, \
+                          alpha_max=0.99, transmittance_min=1e-4, compensation_min=0.005)"
+    )]
+    #[expect(non_snake_case, reason = "the name of the argument")]
+    fn record<'py>(
+        &self,
+        py: Python<'py>,
+        viewmats: &Bound<'py, PyAny>,
+        Ks: &Bound<'py, PyAny>,
+        width: usize,
+        height: usize,
+        settings: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Recording<'py>> {
+        let request = self.request("record", [viewmats, Ks], (width, height), settings)?;
+        let (engine, gaussians) = (engine(py)?, Arc::clone(&self.gaussians));
+        let (recorded, request) = engine::run(py, None, move |caller| {
+            let recorded = Recorded::draw(engine, caller, Numbers::Stored(&gaussians), &request, || {});
+            (recorded, request)
+        })?;
+        let (drawn, recorded, ()) = recorded.or_raise()?;
+        Tape::give(py, engine, request, (drawn, recorded, Kept::Stored(Arc::clone(&self.gaussians))))
     }
 
     /// Writes the scene in the format that the extension says: .ply, .compressed.ply, .spz, .splat or .glb. The file appears whole or not

@@ -4,27 +4,28 @@ use crate::arrays::{Side, give, read};
 use crate::cameras::pose_gradient;
 use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
-use crate::rasterize::{Backgrounds, Depth, Drawn, Request};
-use gs_raster::{ActivatedGradients, Colors, Gradients, PixelGradients, PoseGradient};
-use gs_scene::Gaussians;
+use crate::kept::{Kept, Numbers};
+use crate::rasterize::{Backgrounds, Depth, Drawn, Recording, Request, TOGETHER};
+use gs_raster::{Activated, Colors, PixelGradients, PoseGradient, Rasterizer};
+use gs_scene::{Gaussians, sh_coefficients};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use std::sync::Arc;
 use std::time::Instant;
 
 /// What `record` keeps for the backward pass. Its memory is given back when the last reference goes.
 #[pyclass(frozen, module = "sparsesplat")]
-pub(crate) struct Tape(Arc<Recorded>);
+pub(crate) struct Tape {
+    engine: &'static Engine,
+    request: Request,
+    recorded: Recorded,
+    /// None only while it is dropped.
+    kept: Option<Kept>,
+}
 
 /// A recorded batch.
 pub(crate) struct Recorded {
-    engine: &'static Engine,
-    request: Arc<Request>,
-    /// None only while it is dropped.
-    gaussians: Option<Gaussians>,
-    kind: Colors,
     /// One per run.
     tapes: Vec<gs_raster::Tape>,
     /// Alpha and expected depth of each view, where the picture holds accumulated depth.
@@ -33,32 +34,50 @@ pub(crate) struct Recorded {
 
 /// Gradients by everything that was given to `record`.
 struct Found {
-    gaussians: ActivatedGradients,
+    /// By the Gaussians.
+    arrays: Vec<By>,
     poses: Vec<PoseGradient>,
     /// Per run.
     backgrounds: Vec<[f64; 3]>,
     seconds: f64,
 }
 
+/// Gradients by an array.
+struct By {
+    name: &'static str,
+    numbers: Vec<f32>,
+    /// Shape of what belongs to one Gaussian.
+    row: Vec<usize>,
+}
+
 impl Recorded {
-    /// Draws and records; ends early if the caller is gone.
-    pub(crate) fn new(
-        engine: &'static Engine,
+    /// Draws and records; ends early if the caller is gone. Threads that wait in the renderer do the work `meanwhile`.
+    pub(crate) fn draw<T: Send>(
+        engine: &Engine,
         caller: &Caller,
-        gaussians: Gaussians,
-        kind: Colors,
-        request: Arc<Request>,
-    ) -> gs_raster::Result<(Drawn, Self)> {
-        let (drawn, tapes) = engine.rasterizer(request.device, |rasterizer| {
+        numbers: Numbers<'_>,
+        request: &Request,
+        meanwhile: impl FnOnce() -> T + Send,
+    ) -> gs_raster::Result<(Drawn, Self, T)> {
+        let draw = |rasterizer: &mut Rasterizer| {
             let begin = Instant::now();
             let (mut views, mut tapes) = (Vec::new(), Vec::new());
             for run in &request.runs {
-                let (drawn, tape) = rasterizer.record(&gaussians, &run.cameras, &run.settings)?;
+                let (drawn, tape) = match &numbers {
+                    Numbers::Stored(gaussians) => rasterizer.record(gaussians, &run.cameras, &run.settings),
+                    Numbers::Activated(arrays) => {
+                        rasterizer.record_activated(arrays, &run.cameras, &run.settings)
+                    }
+                }?;
                 views.extend(drawn);
                 tapes.push(tape);
                 caller.end_if_gone();
             }
             Ok((Drawn::new(views, rasterizer, begin), tapes))
+        };
+        let (drawn, tapes, done) = engine.rasterizer(request.device, |rasterizer| {
+            let (drawn, done) = rayon::join(|| draw(rasterizer), meanwhile);
+            drawn.map(|(drawn, tapes)| (drawn, tapes, done))
         })?;
         let planes = match request.mode.depth {
             Some(Depth::Accumulated) => {
@@ -67,11 +86,20 @@ impl Recorded {
             }
             _ => Vec::new(),
         };
-        Ok((drawn, Self { engine, request, gaussians: Some(gaussians), kind, tapes, planes }))
+        Ok((drawn, Self { tapes, planes }, done))
     }
+}
 
-    fn gaussians(&self) -> &Gaussians {
-        self.gaussians.as_ref().expect("it is there until it is dropped")
+impl Tape {
+    /// Pictures, and the tape of what was recorded.
+    pub(crate) fn give<'py>(
+        py: Python<'py>,
+        engine: &'static Engine,
+        request: Request,
+        (drawn, recorded, kept): (Drawn, Recorded, Kept),
+    ) -> PyResult<Recording<'py>> {
+        let (colors, alphas, meta) = request.pictures(py, drawn)?;
+        Ok((colors, alphas, meta, Self { engine, request, recorded, kept: Some(kept) }))
     }
 
     /// The gradients by colours, alpha and depth of every view, run by run.
@@ -88,14 +116,14 @@ impl Recorded {
             if let (Some(depth), Some(Depth::Accumulated)) = (&mut depth, mode.depth) {
                 // Accumulated depth is alpha times expected depth.
                 let alpha = alpha.get_or_insert_with(|| vec![0.0; pixels]);
-                let (opacity, expected) = &self.planes[view];
+                let (opacity, expected) = &self.recorded.planes[view];
                 for at in 0..pixels {
                     alpha[at] += depth[at] * expected[at];
                     depth[at] *= opacity[at];
                 }
             }
             let image = match (mode.colors, channels) {
-                (true, 3) => copy(colors),
+                (true, 3) => self.engine.copy(colors),
                 (true, _) => colors.chunks_exact(channels).flat_map(|pixel| &pixel[..3]).copied().collect(),
                 (false, _) => vec![0.0; pixels * 3],
             };
@@ -105,65 +133,99 @@ impl Recorded {
         self.request.runs.iter().map(|run| run.cameras.iter().map(|_| next()).collect()).collect()
     }
 
-    fn backward(&self, pixels: &[Vec<PixelGradients>]) -> gs_raster::Result<Found> {
-        let (gaussians, begin) = (self.gaussians(), Instant::now());
-        let (mut sum, mut backgrounds): (Option<Gradients>, Vec<[f64; 3]>) = (None, Vec::new());
+    /// Gradients of a batch, given those by its pictures and alphas.
+    fn differentiate(
+        &self,
+        numbers: Numbers<'_>,
+        colors: &[f32],
+        alphas: Option<&[f32]>,
+    ) -> gs_raster::Result<Found> {
+        let mut found =
+            Found { arrays: Vec::new(), poses: Vec::new(), backgrounds: Vec::new(), seconds: 0.0 };
         self.engine.rasterizer(self.request.device, |rasterizer| {
-            for (tape, pixels) in self.tapes.iter().zip(pixels) {
-                let found = rasterizer.backward(gaussians, tape, pixels)?;
-                backgrounds.push(found.background);
-                match &mut sum {
-                    None => sum = Some(found),
-                    Some(sum) => add(sum, found),
+            let pixels = self.pixels(colors, alphas);
+            let begin = Instant::now();
+            for (tape, pixels) in self.recorded.tapes.iter().zip(&pixels) {
+                match &numbers {
+                    Numbers::Stored(gaussians) => {
+                        let by = rasterizer.backward(gaussians, tape, pixels)?;
+                        let arrays = by_stored(by.geometry, by.sh, gaussians.sh_degree());
+                        found.add(arrays, by.background, by.poses);
+                    }
+                    Numbers::Activated(arrays) => {
+                        let by = rasterizer.backward_activated(arrays, tape, pixels)?;
+                        let gaussians = [by.means, by.quats, by.scales, by.opacities, by.colors];
+                        found.add(by_arrays(gaussians, arrays.kind), by.background, by.poses);
+                    }
                 }
             }
+            found.seconds = begin.elapsed().as_secs_f64();
+            let images = pixels.into_iter().flatten().map(|pixels| pixels.image);
+            self.engine.recycle(images.take(TOGETHER));
             Ok(())
         })?;
-        let seconds = begin.elapsed().as_secs_f64();
-        let nothing = || Gradients {
-            geometry: vec![0.0; gaussians.geometry().len()],
-            sh: vec![0.0; gaussians.sh().len()],
-            background: [0.0; 3],
-            poses: Vec::new(),
-        };
-        let mut sum = sum.unwrap_or_else(nothing);
-        let poses = std::mem::take(&mut sum.poses);
-        let gaussians = self.engine.install(|| sum.activated(gaussians, self.kind));
-        Ok(Found { gaussians, poses, backgrounds, seconds })
+        if found.backgrounds.is_empty() {
+            let zeros = |array: &[f32]| vec![0.0; array.len()];
+            found.arrays = match numbers {
+                Numbers::Stored(scene) => {
+                    by_stored(zeros(scene.geometry()), zeros(scene.sh()), scene.sh_degree())
+                }
+                Numbers::Activated(arrays) => {
+                    let Activated { means, quats, scales, opacities, colors, kind } = arrays;
+                    by_arrays([means, quats, scales, opacities, colors].map(zeros), kind)
+                }
+            };
+        }
+        Ok(found)
     }
 }
 
-impl Drop for Recorded {
+/// Gradients by the arrays of [`Gaussians`].
+fn by_stored(geometry: Vec<f32>, sh: Vec<f32>, degree: usize) -> Vec<By> {
+    vec![
+        By { name: "geometry", numbers: geometry, row: vec![Gaussians::GEOMETRY] },
+        By { name: "sh", numbers: sh, row: vec![sh_coefficients(degree), 3] },
+    ]
+}
+
+/// Gradients by the arrays that `record` takes.
+fn by_arrays([means, quats, scales, opacities, colors]: [Vec<f32>; 5], kind: Colors) -> Vec<By> {
+    let color = match kind {
+        Colors::Rgb => vec![3],
+        Colors::Sh { per_gaussian, .. } => vec![per_gaussian, 3],
+    };
+    vec![
+        By { name: "means", numbers: means, row: vec![3] },
+        By { name: "quats", numbers: quats, row: vec![4] },
+        By { name: "scales", numbers: scales, row: vec![3] },
+        By { name: "opacities", numbers: opacities, row: vec![] },
+        By { name: "colors", numbers: colors, row: color },
+    ]
+}
+
+impl Found {
+    /// Adds the gradients of a run.
+    fn add(&mut self, arrays: Vec<By>, background: [f64; 3], poses: Vec<PoseGradient>) {
+        if self.arrays.is_empty() {
+            self.arrays = arrays;
+        } else {
+            for (sum, found) in self.arrays.iter_mut().zip(arrays) {
+                sum.numbers.par_iter_mut().zip(found.numbers).for_each(|(sum, found)| *sum += found);
+            }
+        }
+        self.backgrounds.push(background);
+        self.poses.extend(poses);
+    }
+}
+
+impl Drop for Tape {
     fn drop(&mut self) {
         // The child of a fork has an engine of its own.
         if self.engine.process() == std::process::id()
-            && let Some(gaussians) = self.gaussians.take()
+            && let Some(Kept::Copy(copied)) = self.kept.take()
         {
-            self.engine.recycle(gaussians);
+            copied.recycle(self.engine);
         }
-    }
-}
-
-/// A copy that all threads write.
-fn copy(numbers: &[f32]) -> Vec<f32> {
-    const CHUNK: usize = 1 << 14;
-    let mut copy = vec![0.0; numbers.len()];
-    let chunks = copy.par_chunks_mut(CHUNK).zip(numbers.par_chunks(CHUNK));
-    chunks.for_each(|(copy, numbers)| copy.copy_from_slice(numbers));
-    copy
-}
-
-/// Adds gradients of further views.
-fn add(sum: &mut Gradients, found: Gradients) {
-    for (sum, found) in [(&mut sum.geometry, found.geometry), (&mut sum.sh, found.sh)] {
-        sum.iter_mut().zip(found).for_each(|(sum, found)| *sum += found);
-    }
-    sum.poses.extend(found.poses);
-}
-
-impl Tape {
-    pub(crate) fn new(recorded: Recorded) -> Self {
-        Self(Arc::new(recorded))
     }
 }
 
@@ -177,41 +239,31 @@ impl Tape {
         v_colors: &Bound<'py, PyAny>,
         v_alphas: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let recorded = &*self.0;
-        if engine(py)?.process() != recorded.engine.process() {
+        if engine(py)?.process() != self.engine.process() {
             return Err(PyRuntimeError::new_err(
                 "this tape was recorded by the parent of this process, record again after the fork",
             ));
         }
-        let (width, height) = recorded.request.size;
-        let count = recorded.request.runs.iter().map(|run| run.cameras.len()).sum();
+        let (width, height) = self.request.size;
+        let count = self.request.runs.iter().map(|run| run.cameras.len()).sum();
         let shape = |channels| [Side::Is(count), Side::Is(height), Side::Is(width), Side::Is(channels)];
-        let v_colors = read::<f32>("v_colors", v_colors, &shape(recorded.request.mode.channels()))?;
+        let v_colors = read::<f32>("v_colors", v_colors, &shape(self.request.mode.channels()))?;
         let v_alphas = v_alphas.map(|array| read::<f32>("v_alphas", array, &shape(1))).transpose()?;
         let alphas = v_alphas.as_ref().map(|array| array.as_slice()).transpose()?;
         let colors = v_colors.as_slice()?;
-        let found = engine::run_borrowing(py, |_| {
-            let pixels = recorded.engine.install(|| recorded.pixels(colors, alphas));
-            recorded.backward(&pixels)
-        })?;
-        recorded.gradients(py, found.or_raise()?)
+        let held = self.kept.as_ref().expect("there until it is dropped").hold(py)?;
+        let numbers = held.numbers()?;
+        let found = engine::run_borrowing(py, |_| self.differentiate(numbers, colors, alphas))?;
+        self.gradients(py, numbers.len(), found.or_raise()?)
     }
 }
 
-impl Recorded {
-    fn gradients<'py>(&self, py: Python<'py>, found: Found) -> PyResult<Bound<'py, PyDict>> {
-        let n = self.gaussians().len();
-        let ActivatedGradients { means, quats, scales, opacities, colors } = found.gaussians;
+impl Tape {
+    fn gradients<'py>(&self, py: Python<'py>, n: usize, found: Found) -> PyResult<Bound<'py, PyDict>> {
         let dict = PyDict::new(py);
-        dict.set_item("means", give(py, means, [n, 3])?)?;
-        dict.set_item("quats", give(py, quats, [n, 4])?)?;
-        dict.set_item("scales", give(py, scales, [n, 3])?)?;
-        dict.set_item("opacities", give(py, opacities, [n])?)?;
-        let colors = match self.kind {
-            Colors::Rgb => give(py, colors, [n, 3])?,
-            Colors::Sh { per_gaussian, .. } => give(py, colors, [n, per_gaussian, 3])?,
-        };
-        dict.set_item("colors", colors)?;
+        for By { name, numbers, row } in found.arrays {
+            dict.set_item(name, give(py, numbers, [vec![n], row].concat())?)?;
+        }
         let poses: Vec<f64> = found.poses.iter().flat_map(pose_gradient).collect();
         let shape = [found.poses.len(), 4, 4];
         let poses = if self.request.is_double {

@@ -121,6 +121,55 @@ def test_a_tape_may_be_used_again_and_after_the_arrays_changed():
         np.testing.assert_array_equal(first[name], again[name])
 
 
+def test_a_tape_without_a_copy_reads_the_arrays_again():
+    arrays, views = scene(10, sh_degree=2), cameras(2)
+    settings = dict(sh_degree=2, device="cpu")
+    colors, alphas, _, tape = ss.record(**arrays, **views, **settings)
+    v_colors = weights(colors.shape, 4)
+    expected = tape.backward(v_colors)
+    again, _, _, tape = ss.record(**arrays, **views, **settings, copy=False)
+    assert (again == colors).all()
+    means = arrays.pop("means")
+    found = tape.backward(v_colors)
+    for name in ("means", "quats", "scales", "opacities", "colors", "viewmats"):
+        np.testing.assert_array_equal(found[name], expected[name])
+    # Arrays of another shape are named.
+    means.shape = (5, 6)
+    with pytest.raises(ValueError, match=r"means: expected shape \[N, 3\], found \[5, 6\]"):
+        tape.backward(v_colors)
+    means.shape = (10, 3)
+    # Numbers that no Gaussian has any more end well.
+    arrays["scales"][:] = 0
+    arrays["opacities"][:] = np.nan
+    tape.backward(v_colors)
+
+
+def test_by_what_a_scene_stores():
+    arrays, views = scene(10, sh_degree=2), cameras(2)
+    stored = ss.Scene(**arrays, sh_degree=2)
+    settings = dict(near_plane=0.01, device="cpu", render_mode="RGB+D", backgrounds=np.float32([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]))
+    colors, alphas, _, tape = stored.record(**views, **settings)
+    again, _, _, of_arrays = ss.record(**arrays, **views, **settings, sh_degree=2)
+    assert (again == colors).all() and (stored.render(**views, **settings)[0] == colors).all()
+    v_colors, v_alphas = weights(colors.shape, 4), weights(alphas.shape, 5)
+    found, expected = tape.backward(v_colors, v_alphas), of_arrays.backward(v_colors, v_alphas)
+    assert set(found) == {"geometry", "sh", "viewmats", "backgrounds", "seconds"}
+    for name, by in [("means", found["geometry"][:, :3]), ("quats", found["geometry"][:, 3:7]), ("colors", found["sh"])]:
+        np.testing.assert_array_equal(by, expected[name])
+    np.testing.assert_array_equal(found["viewmats"], expected["viewmats"])
+    np.testing.assert_array_equal(found["backgrounds"], expected["backgrounds"])
+    scales, opacities = arrays["scales"], arrays["opacities"]
+    np.testing.assert_allclose(found["geometry"][:, 7:10], expected["scales"] * scales, rtol=1e-5)
+    np.testing.assert_allclose(found["geometry"][:, 10], expected["opacities"] * opacities * (1 - opacities), rtol=1e-5)
+    # Without a near plane there is one run per camera.
+    colors, _, _, tape = stored.record(**views, device="cpu")
+    assert (tape.backward(colors)["geometry"] != 0).any()
+    none = dict(views, viewmats=views["viewmats"][:0], Ks=views["Ks"][:0])
+    colors, _, _, tape = stored.record(**none, device="cpu")
+    found = tape.backward(colors)
+    assert found["geometry"].shape == (10, 11) and (found["geometry"] == 0).all() and found["viewmats"].shape == (0, 4, 4)
+
+
 def deviation(found, expected):
     """The largest difference, relative to the largest number."""
     return np.abs(found - expected).max() / np.abs(expected).max()

@@ -112,6 +112,20 @@ def test_alphas_alone_have_gradients():
     assert arrays["opacities"].grad.min() > 0
 
 
+def test_tensors_that_changed_before_the_backward_pass_are_an_error():
+    arrays, views = tensors()
+    arrays["means"].requires_grad_()
+    colors, _, _ = sst.rasterize(**arrays, **views, device="cpu")
+    arrays["scales"] *= 2
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        colors.sum().backward()
+    # Afterwards they may change.
+    colors, _, _ = sst.rasterize(**arrays, **views, device="cpu")
+    colors.sum().backward()
+    with torch.no_grad():
+        arrays["means"] -= 0.1 * arrays["means"].grad
+
+
 def test_wrong_tensors_are_named():
     arrays, views = tensors()
     with pytest.raises(TypeError, match="means: expected dtype float32, found float64"):

@@ -5,6 +5,7 @@
 //! number, possibly NaN.
 
 use super::math;
+use super::project::Logs;
 use crate::{Activated, RenderSettings, SLOPE_MARGIN, activated};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
@@ -116,17 +117,41 @@ impl Columns {
         let Activated { means, quats, scales, opacities, .. } = gaussians;
         let rows =
             means.chunks_exact(3).zip(quats.chunks_exact(4)).zip(scales.chunks_exact(3).zip(*opacities));
-        for (place, ((mean, quat), (scale, &opacity))) in rows.enumerate() {
-            let columns = self.0.iter_mut();
-            for (column, number) in columns.zip(mean.iter().chain(quat).chain(scale).chain([&opacity])) {
-                column[place] = *number;
-            }
+        for (place, ((mean, quat), (scale, opacity))) in rows.enumerate() {
+            self.set_numbers(place, mean.iter().chain(quat).chain(scale).chain([opacity]));
         }
         let (logs, logits) = self.0[LOG_SCALE.start..].split_at_mut(OPACITY_LOGIT - LOG_SCALE.start);
         for column in logs {
             column.iter_mut().for_each(|number| *number = activated::ln(*number));
         }
         logits[0].iter_mut().for_each(|number| *number = activated::logit(*number));
+    }
+
+    /// Puts an activated Gaussian at `place`, whose logarithms are known.
+    #[inline(always)]
+    pub(super) fn set_activated(
+        &mut self,
+        place: usize,
+        gaussians: &Activated<'_>,
+        gaussian: usize,
+        logs: &Logs,
+    ) {
+        let mean = &gaussians.means[3 * gaussian..][..3];
+        let quat = &gaussians.quats[4 * gaussian..][..4];
+        self.set_numbers(place, mean.iter().chain(quat).chain(logs));
+    }
+
+    #[inline(always)]
+    fn set_numbers<'a>(&mut self, place: usize, numbers: impl Iterator<Item = &'a f32>) {
+        for (column, number) in self.0.iter_mut().zip(numbers) {
+            column[place] = *number;
+        }
+    }
+
+    /// What is stored in place of scales and opacity.
+    #[inline(always)]
+    pub(super) fn logs(&self, place: usize) -> Logs {
+        std::array::from_fn(|k| self.0[LOG_SCALE.start + k][place])
     }
 
     /// Moves a row to an earlier place.

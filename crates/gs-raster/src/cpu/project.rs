@@ -67,6 +67,9 @@ pub(super) struct Splats {
     chunks: Vec<Chunk>,
 }
 
+/// Logarithms of the scales and logit of the opacity.
+pub(super) type Logs = [f32; 4];
+
 /// What is left of [`CHUNK`] Gaussians.
 #[derive(Debug, Default)]
 struct Chunk {
@@ -74,6 +77,8 @@ struct Chunk {
     /// The bits of their depths, which order as the depths do, because those are not negative.
     depths: Vec<u32>,
     tiles: Vec<Tiles>,
+    /// Of activated Gaussians that are recorded, what is stored in place of scales and opacity.
+    logs: Vec<Logs>,
     /// The tiles of splats that are in several rows of tiles.
     spans: Vec<Span>,
     /// Pairs of splat and tile.
@@ -84,7 +89,7 @@ struct Chunk {
 }
 
 impl Splats {
-    /// Projects every Gaussian of a scene; what was here is forgotten.
+    /// Projects every Gaussian of a scene; what was here is forgotten. `record` keeps the logarithms of activated Gaussians.
     ///
     /// # Errors
     /// If an activated Gaussian has a number that no Gaussian has.
@@ -93,11 +98,12 @@ impl Splats {
         source: Source<'_>,
         camera: &Camera,
         settings: &RenderSettings,
-        grid: Grid,
+        (grid, record): (Grid, bool),
         isa: Isa,
     ) -> Result<()> {
         let view = View::new(camera, settings);
-        let frame = Frame { grid, limit: log2_alpha_bound(settings), intersections: &AtomicU64::new(0) };
+        let limit = log2_alpha_bound(settings);
+        let frame = Frame { grid, limit, record, intersections: &AtomicU64::new(0) };
         let project_chunk = match (source.sh_degree(), isa > Isa::Scalar) {
             (0, true) => project_chunk::<0, true>,
             (1, true) => project_chunk::<1, true>,
@@ -159,6 +165,11 @@ impl Splats {
         self.chunks.par_iter().map(|chunk| chunk.depths.as_slice())
     }
 
+    /// As [`Splats::chunks`], the logarithms that were kept: those of every splat, or none.
+    pub(super) fn logs(&self) -> impl IndexedParallelIterator<Item = &[Logs]> {
+        self.chunks.par_iter().map(|chunk| chunk.logs.as_slice())
+    }
+
     /// All indices are below this.
     pub(super) fn end(&self) -> usize {
         self.chunks.len() * CHUNK
@@ -183,13 +194,14 @@ impl Splats {
 impl Chunk {
     /// Forgets everything and makes room for `count` splats.
     fn clear(&mut self, count: usize) {
-        let Self { splats, depths, tiles, spans, intersections, rejected, is_faulty } = self;
+        let Self { splats, depths, tiles, logs, spans, intersections, rejected, is_faulty } = self;
         splats.clear();
         splats.reserve_exact(count);
         depths.clear();
         depths.reserve_exact(count);
         tiles.clear();
         tiles.reserve_exact(count);
+        logs.clear();
         spans.clear();
         (*intersections, *rejected, *is_faulty) = (0, 0, false);
     }
@@ -224,6 +236,8 @@ struct Frame<'a> {
     grid: Grid,
     /// log₂ of alpha at which the ellipses end.
     limit: f32,
+    /// Whether logarithms are kept.
+    record: bool,
     /// Pairs of splat and tile found so far.
     intersections: &'a AtomicU64,
 }
@@ -252,6 +266,10 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
     gaussians: Range<usize>,
 ) {
     chunk.clear(gaussians.len());
+    let keeps_logs = frame.record && matches!(source, Source::Activated(_));
+    if keeps_logs {
+        chunk.logs.reserve_exact(gaussians.len());
+    }
     let sh_row = sh_coefficients(DEGREE) * 3;
     let first = gaussians.start;
     let mut stored = Columns::new();
@@ -308,6 +326,9 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
             } else if rgb.iter().all(|channel| channel.is_finite()) {
                 let rgb = rgb.map(|channel| if channel < 0.0 { -0.0 } else { channel });
                 let gaussian = (start - first + gaussian) as u32;
+                if keeps_logs {
+                    chunk.logs.push(stored.logs(place));
+                }
                 chunk.push(shapes.splat(place, rgb, gaussian), shapes.bounds(place), frame, keep);
             } else {
                 chunk.rejected += 1;

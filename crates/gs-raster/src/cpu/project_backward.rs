@@ -3,24 +3,25 @@
 use super::blend::Lists;
 use super::blend_backward::{MOMENTS, SHARES, Summed, finite};
 use super::footprint::{BLOCK, Columns, Footprint, View};
-use super::project::{CHUNK, Splat};
-use super::{math, sh};
-use crate::{Gradients, PoseGradient, RenderSettings};
+use super::project::{CHUNK, Logs, Splat};
+use super::sums::{Sums, add};
+use super::{Source, math, sh};
+use crate::{PoseGradient, RenderSettings};
 use cpu_kernels::{Isa, compiled_for};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
 
-/// Adds the gradients of the splats, whose sums are in `order`, to `gradients`, and the sums of their shares to `shares`
+/// Adds the gradients of the splats, whose sums are in `order`, to `sums`, and the sums of their shares to `shares`
 /// if there are any; returns the gradients by the pose.
 pub(super) fn project_backward(
-    gaussians: &Gaussians,
+    source: Source<'_>,
     camera: &Camera,
     settings: &RenderSettings,
     (Lists { splats, isa, .. }, order): (Lists, &[u32]),
     summed: &Summed,
-    gradients: &mut Gradients,
+    sums: &mut Sums<'_>,
     shares: Option<&mut [[f32; 2]]>,
 ) -> PoseGradient {
     let mut places = vec![0; splats.end()];
@@ -28,7 +29,7 @@ pub(super) fn project_backward(
         places[index as usize] = place;
     }
     let view = View::new(camera, settings);
-    let degree = gaussians.sh_degree();
+    let degree = source.sh_degree();
     let chunk_backward = match degree {
         0 => compiled::<0>,
         1 => compiled::<1>,
@@ -38,18 +39,17 @@ pub(super) fn project_backward(
     let sh_row = sh_coefficients(degree) * 3;
     let mut shares: Vec<&mut [[f32; 2]]> = match shares {
         Some(shares) => shares.chunks_mut(CHUNK).collect(),
-        None => (0..gaussians.len().div_ceil(CHUNK)).map(|_| <&mut [[f32; 2]]>::default()).collect(),
+        None => (0..source.len().div_ceil(CHUNK)).map(|_| <&mut [[f32; 2]]>::default()).collect(),
     };
     let poses: Vec<PoseGradient> = splats
         .chunks()
+        .zip(splats.logs())
         .zip(places.par_chunks(CHUNK))
-        .zip(gaussians.geometry().par_chunks(CHUNK * Gaussians::GEOMETRY))
-        .zip(gaussians.sh().par_chunks(CHUNK * sh_row))
-        .zip(gradients.geometry.par_chunks_mut(CHUNK * Gaussians::GEOMETRY))
-        .zip(gradients.sh.par_chunks_mut(CHUNK * sh_row))
+        .zip(sums.chunks(CHUNK, sh_row))
         .zip(&mut shares)
-        .map(|((((((splats, places), geometry), sh), geometry_gradients), sh_gradients), shares)| {
-            let mut chunk = Chunk { splats, places, geometry, sh, geometry_gradients, sh_gradients, shares };
+        .enumerate()
+        .map(|(at, ((((splats, logs), places), sums), shares))| {
+            let mut chunk = Chunk { splats, logs, places, source, first: at * CHUNK, sums, shares };
             chunk_backward(isa, &mut chunk, &view, summed)
         })
         .collect();
@@ -64,12 +64,14 @@ pub(super) fn project_backward(
 /// Gaussians of one task.
 struct Chunk<'a> {
     splats: &'a [Splat],
+    /// As the splats, of activated Gaussians.
+    logs: &'a [Logs],
     /// Where the sums of each splat are.
     places: &'a [u32],
-    geometry: &'a [f32],
-    sh: &'a [f32],
-    geometry_gradients: &'a mut [f32],
-    sh_gradients: &'a mut [f32],
+    source: Source<'a>,
+    /// Number of the first Gaussian.
+    first: usize,
+    sums: Sums<'a>,
     /// Empty if nobody asks for them.
     shares: &'a mut [[f32; 2]],
 }
@@ -86,10 +88,13 @@ fn compiled<const DEGREE: usize>(
 #[inline(always)]
 fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summed: &Summed) -> PoseGradient {
     let coefficients = sh_coefficients(DEGREE);
+    let mut room = [0.0; 3];
     let mut stored = Columns::new();
     let mut block = Block::new();
     let mut moments = [[0.0; MOMENTS]; BLOCK];
-    for (splats, places) in chunk.splats.chunks(BLOCK).zip(chunk.places.chunks(BLOCK)) {
+    let blocks = chunk.splats.chunks(BLOCK).zip(chunk.places.chunks(BLOCK)).enumerate();
+    for (number, (splats, places)) in blocks {
+        let logs = chunk.logs.get(number * BLOCK..).unwrap_or_default();
         // These lie anywhere; fetched together, the waits for memory overlap.
         for (moments, &place) in moments.iter_mut().zip(places) {
             *moments = summed.moments[place as usize];
@@ -97,7 +102,18 @@ fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summe
         block.active = [false; BLOCK];
         for (at, (splat, moments)) in splats.iter().zip(&moments).enumerate() {
             let row = splat.gaussian as usize;
-            stored.set(at, &chunk.geometry[row * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY]);
+            let gaussian = chunk.first + row;
+            let sh = match chunk.source {
+                Source::Stored(scene) => {
+                    let row = &scene.geometry()[gaussian * Gaussians::GEOMETRY..];
+                    stored.set(at, &row[..Gaussians::GEOMETRY]);
+                    &scene.sh()[gaussian * coefficients * 3..]
+                }
+                Source::Activated(arrays) => {
+                    stored.set_activated(at, arrays, gaussian, &logs[at]);
+                    arrays.sh_of(gaussian, &mut room)
+                }
+            };
             block.active[at] = moments[..SHARES].iter().any(|&moment| moment != 0.0);
             for (column, &moment) in block.moments.iter_mut().zip(moments) {
                 column[at] = moment;
@@ -107,7 +123,7 @@ fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summe
                 add(&mut shares[1], moments[SHARES + 1]);
             }
             let rgb = colour_gradient(splat, moments);
-            let sh = &chunk.sh[row * coefficients * 3..][..coefficients * 3];
+            let sh = &sh[..coefficients * 3];
             for k in 0..coefficients {
                 block.weights[k][at] = sh[3 * k] * rgb[0] + sh[3 * k + 1] * rgb[1] + sh[3 * k + 2] * rgb[2];
             }
@@ -123,13 +139,10 @@ fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summe
                 continue;
             }
             let row = splat.gaussian as usize;
-            let found = &mut chunk.geometry_gradients[row * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY];
-            for (found, column) in found.iter_mut().zip(&block.geometry) {
-                add(found, column[at]);
-            }
+            chunk.sums.add_geometry(row, &block.geometry, at);
             let rgb = colour_gradient(splat, &moments[at]);
             let rgb = rgb.map(|channel| finite(summed.unit * f64::from(channel)));
-            let found = &mut chunk.sh_gradients[row * coefficients * 3..][..coefficients * 3];
+            let found = chunk.sums.sh(row, coefficients * 3);
             for k in 0..coefficients {
                 for channel in 0..3 {
                     add(&mut found[3 * k + channel], block.basis[k][at] * rgb[channel]);
@@ -138,12 +151,6 @@ fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summe
         }
     }
     block.pose(summed.unit)
-}
-
-/// Adds a gradient to those of other views, at most to the largest number there is.
-#[inline(always)]
-fn add(sum: &mut f32, gradient: f32) {
-    *sum = (*sum + gradient).clamp(f32::MIN, f32::MAX);
 }
 
 /// The gradient by the colour before it was cut at 0.

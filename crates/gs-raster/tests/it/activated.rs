@@ -3,7 +3,8 @@
 use crate::check::settings;
 use crate::scenes::{camera, gaussians};
 use gs_raster::{
-    Activated, Colors, Error, Gradients, PixelGradients, Rasterizer, RenderSettings, Rendering, Result, Style,
+    Activated, ActivatedGradients, Colors, Error, Gradients, PixelGradients, Rasterizer, RenderSettings,
+    Rendering, Result, Style,
 };
 use gs_reference::Profile;
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, dc_from_rgb, sigmoid};
@@ -11,7 +12,7 @@ use proptest::prelude::*;
 
 /// Arrays of Gaussians.
 #[derive(Debug, Clone)]
-struct Arrays {
+pub(crate) struct Arrays {
     means: Vec<f32>,
     quats: Vec<f32>,
     scales: Vec<f32>,
@@ -38,17 +39,17 @@ impl Arrays {
         }
     }
 
-    fn view(&self) -> Activated<'_> {
+    pub(crate) fn view(&self) -> Activated<'_> {
         let Self { means, quats, scales, opacities, colors, kind } = self;
         Activated { means, quats, scales, opacities, colors, kind: *kind }
     }
 
-    fn store(&self) -> Result<Gaussians> {
+    pub(crate) fn store(&self) -> Result<Gaussians> {
         self.view().store()
     }
 
     /// What would be stored as these Gaussians, or nearly.
-    fn of(stored: &Gaussians, kind: Colors) -> Self {
+    pub(crate) fn of(stored: &Gaussians, kind: Colors) -> Self {
         let columns = |range: std::ops::Range<usize>| -> Vec<f32> {
             stored.geometry().chunks_exact(11).flat_map(|row| row[range.clone()].to_vec()).collect()
         };
@@ -119,7 +120,7 @@ fn the_chain_rule_agrees_with_central_differences() {
             let both = stored.geometry().iter().zip(&by_geometry).chain(stored.sh().iter().zip(&by_sh));
             both.map(|(number, weight)| f64::from(*number) * f64::from(*weight)).sum()
         };
-        let found = gradients(by_geometry.clone(), by_sh.clone()).activated(&stored, kind);
+        let found = gradients(by_geometry.clone(), by_sh.clone()).activated(&arrays.view());
         let fields: [(Field, &Vec<f32>); 5] = [
             (|arrays| &mut arrays.means, &found.means),
             (|arrays| &mut arrays.quats, &found.quats),
@@ -159,7 +160,7 @@ fn opacities_of_0_and_1_are_limits_with_finite_gradients() {
     let mut by_geometry = vec![0.0; stored.geometry().len()];
     let (up, down) = (f64::from(logits[1]).exp(), f64::from(-logits[1]).exp());
     by_geometry[OPACITY_LOGIT + Gaussians::GEOMETRY] = (1.0 / ((1.0 + up) * (1.0 + down))) as f32;
-    let found = gradients(by_geometry, vec![0.0; stored.sh().len()]).activated(&stored, Colors::Rgb);
+    let found = gradients(by_geometry, vec![0.0; stored.sh().len()]).activated(&arrays.view());
     assert!((found.opacities[1] - 1.0).abs() < 1e-6, "{}", found.opacities[1]);
     // Gaussians that are not drawn have no gradient.
     assert_eq!(found.opacities[0], 0.0);
@@ -211,7 +212,7 @@ fn no_gaussians_are_no_fault() {
     };
     let stored = none.store().unwrap();
     assert!(stored.is_empty() && none.view().is_empty());
-    let found = gradients(vec![], vec![]).activated(&stored, none.kind);
+    let found = gradients(vec![], vec![]).activated(&none.view());
     assert!(found.means.is_empty() && found.colors.is_empty());
 }
 
@@ -245,9 +246,34 @@ fn arrays_of_other_lengths_and_degrees_are_named() {
     let mut arrays = Arrays::new(Colors::Rgb);
     arrays.kind = Colors::Sh { degree: 4, per_gaussian: usize::MAX };
     assert!(matches!(arrays.store(), Err(Error::Scene(gs_scene::Error::ShDegree { found: 4 }))));
-    let other = Arrays::new(Colors::Rgb);
-    let mut stored = Gaussians::empty(0).unwrap();
-    assert!(matches!(other.view().store_into(&mut stored), Err(Error::OtherScene { .. })));
+}
+
+#[test]
+fn gradients_of_other_arrays_than_recorded_are_refused() {
+    let lens = gs_scene::Intrinsics { fx: 20.0, fy: 20.0, cx: 8.0, cy: 8.0, width: 16, height: 16 };
+    let camera = gs_scene::Camera::new(lens, glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap();
+    let (mut rasterizer, settings) = (Rasterizer::cpu(), RenderSettings::default());
+    let arrays = Arrays::new(Colors::Sh { degree: 1, per_gaussian: 4 });
+    let (_, tape) = rasterizer.record_activated(&arrays.view(), &[camera], &settings).unwrap();
+    let pixels = PixelGradients { image: vec![1.0; 16 * 16 * 3], alpha: None, depth: None };
+    let mut backward = |arrays: &Arrays, pixels: &[PixelGradients]| {
+        rasterizer.backward_activated(&arrays.view(), &tape, pixels)
+    };
+    let other = Arrays { kind: Colors::Sh { degree: 0, per_gaussian: 4 }, ..arrays.clone() };
+    let found = backward(&other, std::slice::from_ref(&pixels));
+    assert!(
+        matches!(found, Err(Error::OtherScene { found: 3, found_degree: 0, expected_degree: 1, .. })),
+        "{found:?}"
+    );
+    let mut short = arrays.clone();
+    short.quats.pop();
+    let found = backward(&short, std::slice::from_ref(&pixels));
+    assert!(matches!(found, Err(Error::ArrayLength { what: "quats", .. })), "{found:?}");
+    assert!(matches!(backward(&arrays, &[]), Err(Error::Views { expected: 1, found: 0 })));
+    assert!(backward(&arrays, std::slice::from_ref(&pixels)).is_ok());
+    let (_, tape) = rasterizer.record(&arrays.store().unwrap(), &[camera], &settings).unwrap();
+    let found = rasterizer.backward_activated(&arrays.view(), &tape, &[pixels]);
+    assert!(matches!(found, Err(Error::NotActivated)), "{found:?}");
 }
 
 #[test]
@@ -255,6 +281,8 @@ fn numbers_are_checked_without_a_camera_and_where_no_camera_looks() {
     let mut arrays = Arrays::new(Colors::Rgb);
     arrays.scales[4] = -1.0;
     let none = Rasterizer::cpu().render_activated(&arrays.view(), &[], &RenderSettings::default());
+    assert!(matches!(none, Err(Error::Scale { gaussian: 1, .. })), "{none:?}");
+    let none = Rasterizer::cpu().record_activated(&arrays.view(), &[], &RenderSettings::default());
     assert!(matches!(none, Err(Error::Scale { gaussian: 1, .. })), "{none:?}");
     // Behind the camera, in the last of several chunks.
     let n = 10_000;
@@ -281,6 +309,15 @@ fn kind(degree: usize, choice: usize) -> Colors {
         1 => Colors::Sh { degree, per_gaussian: least + 2 },
         _ => Colors::Sh { degree, per_gaussian: least },
     }
+}
+
+/// Some derivatives by every pixel.
+fn weights(camera: &gs_scene::Camera) -> PixelGradients {
+    let plane = |channels: usize| -> Vec<f32> {
+        let n = camera.width() * camera.height() * channels;
+        (0..n).map(|i| ((i * 7 + channels) % 13) as f32 / 13.0 - 0.4).collect()
+    };
+    PixelGradients { image: plane(3), alpha: Some(plane(1)), depth: Some(plane(1)) }
 }
 
 fn bits(view: &Rendering) -> Vec<u32> {
@@ -310,6 +347,32 @@ proptest! {
             prop_assert_eq!(found.stats.visible, expected.stats.visible);
             prop_assert_eq!(found.stats.intersections, expected.stats.intersections);
         }
+    }
+
+    #[test]
+    fn gradients_by_arrays_in_place_equal_those_by_what_is_stored_to_the_bit(
+        scene in gaussians(200), cameras in prop::collection::vec(camera(), 0..3), choice in 0usize..3, antialias: bool,
+    ) {
+        let arrays = Arrays::of(&scene, kind(scene.sh_degree(), choice));
+        let stored = arrays.store().expect("valid");
+        let profile = Profile { antialias, ..Profile::default() };
+        let settings = RenderSettings { depth: true, ..settings(&profile, [0.2, 0.5, 0.9]) };
+        let pixels: Vec<PixelGradients> = cameras.iter().map(weights).collect();
+        let mut rasterizer = Rasterizer::cpu();
+        let (views, tape) = rasterizer.record(&stored, &cameras, &settings).expect("valid");
+        let expected = rasterizer.backward(&stored, &tape, &pixels).expect("valid").activated(&arrays.view());
+        let (found_views, tape) = rasterizer.record_activated(&arrays.view(), &cameras, &settings).expect("valid");
+        let found = rasterizer.backward_activated(&arrays.view(), &tape, &pixels).expect("valid");
+        for (found, expected) in found_views.iter().zip(&views) {
+            prop_assert_eq!(bits(found), bits(expected));
+        }
+        prop_assert_eq!((found_views.len(), found.poses.len()), (cameras.len(), cameras.len()));
+        let numbers = |of: &ActivatedGradients| -> Vec<u32> {
+            let arrays = [&of.means, &of.quats, &of.scales, &of.opacities, &of.colors];
+            arrays.into_iter().flatten().map(|number| number.to_bits()).collect()
+        };
+        prop_assert_eq!(numbers(&found), numbers(&expected));
+        prop_assert_eq!((found.background, found.poses), (expected.background, expected.poses));
     }
 
     #[test]
@@ -357,10 +420,9 @@ fn gradients_of_activated_gaussians_agree_with_central_differences() {
         views[0].image.data().iter().zip(&weights).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
     };
     let mut rasterizer = Rasterizer::cpu();
-    let stored = arrays.store().unwrap();
-    let (_, tape) = rasterizer.record(&stored, &[camera], &settings).unwrap();
+    let (_, tape) = rasterizer.record_activated(&arrays.view(), &[camera], &settings).unwrap();
     let pixels = PixelGradients { image: weights.clone(), alpha: None, depth: None };
-    let found = rasterizer.backward(&stored, &tape, &[pixels]).unwrap().activated(&stored, arrays.kind);
+    let found = rasterizer.backward_activated(&arrays.view(), &tape, &[pixels]).unwrap();
     let fields: [(Field, &Vec<f32>); 3] = [
         (|arrays| &mut arrays.scales, &found.scales),
         (|arrays| &mut arrays.opacities, &found.opacities),

@@ -14,15 +14,20 @@ _Device = Literal["auto", "gpu", "cpu"]
 _RenderMode = Literal["RGB", "D", "ED", "RGB+D", "RGB+ED"]
 _RasterizeMode = Literal["classic", "antialiased"]
 
-class _Gradients(TypedDict):
+class _Shared(TypedDict):
+    viewmats: _Matrices
+    backgrounds: Optional[_Floats]
+    seconds: float
+
+# By the arrays of `record`, or by those of `Scene.record`.
+class _Gradients(_Shared, total=False):
     means: _Floats
     quats: _Floats
     scales: _Floats
     opacities: _Floats
     colors: _Floats
-    viewmats: _Matrices
-    backgrounds: Optional[_Floats]
-    seconds: float
+    geometry: _Floats
+    sh: _Floats
 
 def rasterize(
     means: _Floats,
@@ -71,6 +76,7 @@ def record(
     alpha_max: float = 0.99,
     transmittance_min: float = 1e-4,
     compensation_min: float = 0.005,
+    copy: bool = True,
 ) -> Tuple[_Floats, _Floats, Dict[str, Any], Tape]: ...
 def device(device: _Device = "auto") -> Tuple[str, Optional[str]]: ...
 def reconstruct(
@@ -177,6 +183,25 @@ class Scene:
         transmittance_min: float = 1e-4,
         compensation_min: float = 0.005,
     ) -> Tuple[_Floats, _Floats, Dict[str, Any]]: ...
+    def record(
+        self,
+        viewmats: _Matrices,
+        Ks: _Matrices,
+        width: int,
+        height: int,
+        *,
+        near_plane: Optional[float] = None,
+        far_plane: float = 1e10,
+        eps2d: float = 0.3,
+        backgrounds: Optional[_Floats] = None,
+        render_mode: _RenderMode = "RGB",
+        rasterize_mode: _RasterizeMode = "classic",
+        device: _Device = "auto",
+        alpha_min: float = 1 / 255,
+        alpha_max: float = 0.99,
+        transmittance_min: float = 1e-4,
+        compensation_min: float = 0.005,
+    ) -> Tuple[_Floats, _Floats, Dict[str, Any], Tape]: ...
     def save(self, path: Union[str, PathLike[str]]) -> List[str]: ...
     def __len__(self) -> int: ...
 

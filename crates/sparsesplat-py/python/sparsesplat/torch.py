@@ -1,7 +1,8 @@
 """The renderer as an operation of PyTorch, with gradients.
 
 Tensors may be on any device: they are brought to the CPU's memory, rendered by `device`, and the pictures are brought back to where
-`means` is. On the CPU nothing is copied on the way in.
+`means` is. On the CPU nothing is copied on the way in: the backward pass reads the tensors again, so PyTorch raises its error if one was
+changed in place before.
 """
 
 from typing import Any, Dict, Optional, Tuple
@@ -53,13 +54,15 @@ class _Rasterize(torch.autograd.Function):
     def forward(ctx, means, quats, scales, opacities, colors, viewmats, backgrounds, Ks, width, height, settings, meta):
         arrays = [_array(tensor) for tensor in (means, quats, scales, opacities, colors, viewmats, Ks)]
         pictures, alphas, told, ctx.tape = _native.record(
-            *arrays, width, height, backgrounds=_array(backgrounds), **settings
+            *arrays, width, height, backgrounds=_array(backgrounds), copy=False, **settings
         )
+        # For PyTorch's check that they are unchanged when the tape reads them again.
+        ctx.save_for_backward(means, quats, scales, opacities, colors)
         meta.update(told)
         ctx.shape = pictures.shape
         # A gradient by alpha that nobody has costs time if it comes as zeros.
         ctx.set_materialize_grads(False)
-        # Where each gradient belongs; the tape has its own copy of the numbers.
+        # Where each gradient belongs.
         given = (means, quats, scales, opacities, colors, viewmats, backgrounds)
         ctx.homes = [None if tensor is None else tensor.device for tensor in given]
         return _tensor(pictures, means), _tensor(alphas, means)
@@ -67,6 +70,8 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, v_pictures, v_alphas):
+        # Looked at for the check alone.
+        _ = ctx.saved_tensors
         if v_pictures is None:
             v_pictures = torch.zeros(ctx.shape)
         found = ctx.tape.backward(_array(v_pictures), _array(v_alphas))

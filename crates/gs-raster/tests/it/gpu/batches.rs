@@ -1,10 +1,11 @@
 //! Several views of one scene at once.
 
 use super::{bits, gpu, gradient_bits};
+use crate::activated::Arrays;
 use crate::losses::noise;
 use crate::parity::crowd;
 use glam::{DMat3, DVec3, EulerRot};
-use gs_raster::{PixelGradients, RenderSettings};
+use gs_raster::{Colors, Error, PixelGradients, Rasterizer, RenderSettings};
 use gs_reference::compare;
 use gs_reference::tolerance::F32_LEAST;
 use gs_scene::{Camera, Intrinsics};
@@ -96,6 +97,28 @@ fn a_tape_can_be_differentiated_twice_and_after_other_frames() {
     let first = gpu.backward(&scene, &tape, &losses).unwrap();
     gpu.render(&scene, &other, &settings()).unwrap();
     assert_eq!(gradient_bits(&gpu.backward(&scene, &tape, &losses).unwrap()), gradient_bits(&first));
+}
+
+#[test]
+#[ignore = "gpu"]
+fn arrays_have_the_pictures_and_gradients_of_what_is_stored_of_them() {
+    let ((scene, _), cameras) = (crowd(), cameras());
+    let losses = losses(&cameras);
+    let kind = Colors::Sh { degree: scene.sh_degree(), per_gaussian: 16 };
+    let arrays = Arrays::of(&scene, kind);
+    let stored = arrays.store().unwrap();
+    let mut gpu = gpu();
+    let (expected_views, tape) = gpu.record(&stored, &cameras, &settings()).unwrap();
+    let expected = gpu.backward(&stored, &tape, &losses).unwrap().activated(&arrays.view());
+    let (views, tape) = gpu.record_activated(&arrays.view(), &cameras, &settings()).unwrap();
+    for (found, expected) in views.iter().zip(&expected_views) {
+        assert_eq!(bits(found), bits(expected));
+    }
+    assert_eq!(gpu.backward_activated(&arrays.view(), &tape, &losses).unwrap(), expected);
+    assert!(expected.scales.iter().any(|&value| value != 0.0));
+    // A tape belongs to its device.
+    let elsewhere = Rasterizer::cpu().backward_activated(&arrays.view(), &tape, &losses);
+    assert!(matches!(elsewhere, Err(Error::OtherDevice)), "{elsewhere:?}");
 }
 
 #[test]
