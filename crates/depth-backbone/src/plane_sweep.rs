@@ -172,8 +172,11 @@ impl DepthBackbone for PlaneSweep {
             None => evidence.into_iter().map(|found| (found.inverse_depth, found.confidence)).collect(),
             Some(network) => {
                 let inputs = of_all(&matched, &evidence, &planes);
-                let parts = inputs.into_par_iter().zip(evidence);
-                parts.map(|(inputs, stereo)| network.fill(&inputs, stereo)).collect()
+                let joined = inputs.into_par_iter().zip(evidence).map(|(inputs, found)| {
+                    let stereo = found.inverse_depth.into_iter().zip(found.confidence);
+                    inputs.join(&network.run(&inputs), stereo)
+                });
+                joined.collect()
             }
         };
         let (inverse_depths, mut confidences): (Vec<_>, Vec<_>) = surfaces.into_iter().unzip();

@@ -163,6 +163,22 @@ fn open(scenes: &[SimulatedScene], arguments: &Arguments) -> Outcome<DepthCases>
     DepthCases::open(scenes, arguments.size, &arguments.cache, on_scene).or_work()
 }
 
+/// A score in a line.
+fn described(score: DepthScore) -> String {
+    format!(
+        "relative error {:.4} (median {:.4}), within 2 % {:.3}, 5 % {:.3}, at edges {:.3}; confident {:.3}, of them within 5 % {:.3}; \
+         sparsification {:.4}",
+        score.relative,
+        score.median,
+        score.within_2,
+        score.within_5,
+        score.edges_within_5,
+        score.confident,
+        score.confident_within_5,
+        score.sparsification
+    )
+}
+
 /// All steps that are left; the last validation.
 fn complete(
     folder: &Folder,
@@ -180,6 +196,18 @@ fn complete(
     let progress = Progress::new(steps);
     progress.set(trainer.steps());
     let (mut loss, mut last) = (f64::NAN, None);
+    let mut validate = |trainer: &DepthTrainer, loss: f64, log: &mut Log| -> Outcome {
+        let [learned, stereo] = trainer.validate(validation).or_work()?;
+        progress.line(&format!("step {}: loss {loss:.3}", trainer.steps()));
+        for (name, score) in [("learned", learned), ("stereo", stereo)] {
+            progress.line(&format!("    {name:<8}{}", described(score)));
+        }
+        last = Some(Validation { step: trainer.steps(), learned, stereo });
+        log.write(&last)
+    };
+    if steps == 0 {
+        validate(trainer, loss, &mut log)?;
+    }
     while trainer.steps() < steps {
         let record = trainer.step().or_work()?;
         loss = if loss.is_nan() { record.loss } else { loss + 0.02 * (record.loss - loss) };
@@ -192,26 +220,7 @@ fn complete(
         log.write(&record)?;
         let (step, done) = (trainer.steps(), trainer.steps() == steps);
         if step.is_multiple_of(arguments.validate_every) || done {
-            let [learned, stereo] = trainer.validate(validation).or_work()?;
-            let said = |score: DepthScore| {
-                format!(
-                    "error {:.4}, within 2 % {:.3}, within 5 % {:.3}, edges {:.3}, confident {:.3}, of them within 5 % {:.3}, sparsification {:.4}",
-                    score.relative,
-                    score.within_2,
-                    score.within_5,
-                    score.edges_within_5,
-                    score.confident,
-                    score.confident_within_5,
-                    score.sparsification
-                )
-            };
-            progress.line(&format!(
-                "step {step}: loss {loss:.3}; learned {}; stereo {}",
-                said(learned),
-                said(stereo)
-            ));
-            last = Some(Validation { step, learned, stereo });
-            log.write(&last)?;
+            validate(trainer, loss, &mut log)?;
         }
         if step.is_multiple_of(arguments.save_every) && !done {
             log.flush()?;

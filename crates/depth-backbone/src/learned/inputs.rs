@@ -16,6 +16,9 @@ const BLOCK: usize = 20;
 /// Channels in all.
 pub(crate) const INPUTS: usize = 4 * FULL + BLOCK;
 
+/// Confidence of depth that no view confirms stays below ½.
+const MOST_UNCONFIRMED: f32 = 0.49;
+
 /// What stereo knows of one view, each `[height, width]`.
 pub(crate) struct Evidence {
     /// Inverse depth by semi-global matching.
@@ -201,16 +204,19 @@ impl Inputs {
         if steps.is_nan() { 0.0 } else { 1.0 / (self.unit[0] + self.unit[1] * steps.max(0.0)) }
     }
 
-    /// Inverse depth of every pixel after a correction, not beyond the far end.
-    pub(crate) fn inverse_depth(&self, decoded: &Decoded) -> impl Iterator<Item = f32> {
-        let corrected = self.own.iter().zip(&decoded.correction).map(|(own, by)| own + by);
-        corrected.map(|steps| self.unit[0] + self.unit[1] * steps.max(0.0))
-    }
-
-    /// z-depth of every pixel after a correction, `[height, width]`.
+    /// Inverse depth and confidence of every pixel: `stereo`'s, given as such pairs, where the views confirm it, the network's elsewhere.
+    /// Confirmed surfaces are as good as they need to be: with the exact depth there, closed-form scenes are no better
+    /// (docs/bench/learned-depth.md).
     #[must_use]
-    pub fn depth(&self, decoded: &Decoded) -> Vec<f32> {
-        self.inverse_depth(decoded).map(|w| 1.0 / w).collect()
+    pub fn join(&self, decoded: &Decoded, stereo: impl Iterator<Item = (f32, f32)>) -> (Vec<f32>, Vec<f32>) {
+        let corrected = self.own.iter().zip(&decoded.correction).map(|(own, by)| own + by);
+        let [far, step] = self.unit;
+        let confidence = decoded.confidence(self.width);
+        let by_network = corrected.zip(confidence).map(|(steps, c)| (far + step * steps.max(0.0), c));
+        let choose = |(stereo, (w, confidence)): ((f32, f32), (f32, f32))| {
+            if stereo.1 >= 0.5 { stereo } else { (w, confidence.min(MOST_UNCONFIRMED)) }
+        };
+        stereo.zip(by_network).map(choose).unzip()
     }
 
     /// Confidence of stereo, `[height, width]`.

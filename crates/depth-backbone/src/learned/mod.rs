@@ -20,9 +20,6 @@ use inputs::INPUTS;
 use network::{Architecture, Prepared};
 use std::fmt;
 
-/// Confidence of depth that no view confirms stays below ½.
-const MOST_UNCONFIRMED: f32 = 0.49;
-
 /// The network with its weights, ready to run.
 pub struct DepthNetwork {
     architecture: Architecture,
@@ -79,20 +76,7 @@ impl DepthNetwork {
         decode(inputs, &self.architecture.run(&self.prepared, inputs.grid.clone()))
     }
 
-    /// Inverse depth and confidence of a view: stereo's where the views confirm it, the network's elsewhere. Confirmed surfaces are as
-    /// good as they need to be: with the exact depth there, closed-form scenes are no better (docs/bench/learned-depth.md).
-    pub(crate) fn fill(&self, inputs: &Inputs, stereo: Evidence) -> (Vec<f32>, Vec<f32>) {
-        let decoded = self.run(inputs);
-        let confidence = decoded.confidence(inputs.size().0);
-        let found = inputs.inverse_depth(&decoded).zip(confidence);
-        let of_stereo = stereo.inverse_depth.into_iter().zip(stereo.confidence);
-        let join = |(stereo, (w, confidence)): ((f32, f32), (f32, f32))| {
-            if stereo.1 >= 0.5 { stereo } else { (w, confidence.min(MOST_UNCONFIRMED)) }
-        };
-        of_stereo.zip(found).map(join).unzip()
-    }
-
-    /// The same, with what its gradient needs.
+    /// What it says of a view, with what its gradient needs.
     #[must_use]
     pub fn record(&self, inputs: &Inputs) -> Recorded {
         let nodes = self.architecture.record(&self.prepared, inputs.grid.clone());

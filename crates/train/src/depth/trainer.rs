@@ -6,7 +6,7 @@ use super::score::{Collected, DepthScore};
 use crate::adam::{Adam, Rates, length};
 use crate::draw::{Stream, bits};
 use crate::{Error, Result};
-use depth_backbone::{Decoded, DepthNetwork, DepthWeights};
+use depth_backbone::{DepthNetwork, DepthWeights};
 use rayon::prelude::*;
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
@@ -242,7 +242,7 @@ impl DepthTrainer {
         case.crop(corner, (width, height), draw(Stream::Mirror, 2) == 1)
     }
 
-    /// How good the depth of these views is by the network, and by stereo alone, whose confidence is told by the inputs.
+    /// How good the depth of these views is with the network, and by stereo alone.
     ///
     /// # Errors
     /// If the weights are not finite.
@@ -251,7 +251,7 @@ impl DepthTrainer {
     }
 }
 
-/// How good the depth of these views is by a network, and by stereo alone.
+/// How good the depth of these views is with a network, and by stereo alone.
 fn score(network: &DepthNetwork, cases: &DepthCases) -> Result<[DepthScore; 2]> {
     let found: Vec<_> = cases
         .views
@@ -259,13 +259,13 @@ fn score(network: &DepthNetwork, cases: &DepthCases) -> Result<[DepthScore; 2]> 
         .map(|case| {
             let Crop { inputs, exact } = case.whole();
             let decoded = network.run(&inputs);
-            let nothing =
-                Decoded { correction: vec![0.0; exact.len()], log_error: Vec::new(), sky: Vec::new() };
             let exact: Vec<f32> = exact.iter().map(|&steps| inputs.depth_of(steps)).collect();
-            let width = inputs.size().0;
-            let learned = (inputs.depth(&decoded), decoded.confidence(width));
-            let stereo = (inputs.depth(&nothing), inputs.stereo_confidence());
-            (exact, width, learned, stereo)
+            let depth = |inverse: Vec<f32>| inverse.into_iter().map(|w| 1.0 / w).collect::<Vec<f32>>();
+            let own = inputs.stereo().iter().map(|&steps| 1.0 / inputs.depth_of(steps));
+            let own: Vec<(f32, f32)> = own.zip(inputs.stereo_confidence()).collect();
+            let learned = inputs.join(&decoded, own.iter().copied());
+            let stereo: (Vec<f32>, Vec<f32>) = own.into_iter().unzip();
+            (exact, inputs.size().0, (depth(learned.0), learned.1), (depth(stereo.0), stereo.1))
         })
         .collect();
     let [mut learned, mut stereo] = [Collected::default(), Collected::default()];
