@@ -45,6 +45,15 @@ impl<'a> Rows<'a> {
     #[must_use]
     pub fn strided(values: &'a [f32], count: usize, width: usize, stride: usize) -> Self {
         assert!(width <= stride || count <= 1, "rows of {width} that begin {stride} apart");
+        Self::overlapping(values, count, width, stride)
+    }
+
+    /// Rows that begin `stride` values apart and may overlap, as the windows along a line of pixels do.
+    ///
+    /// # Panics
+    /// If `values` ends before they do.
+    #[must_use]
+    pub fn overlapping(values: &'a [f32], count: usize, width: usize, stride: usize) -> Self {
         let needed = count.checked_sub(1).map_or(0, |before| before * stride + width);
         assert!(needed <= values.len(), "{count} rows of {width}, {stride} apart, in {}", values.len());
         Self { values, count, width, stride }

@@ -58,6 +58,19 @@ impl<'a> Witness<'a> {
         inside.then(|| (x as usize, y as usize, w / h.z))
     }
 
+    /// The pixel of the other view that sees the point at (u, v) with inverse depth `w`, and by how much inverse depth its surface is
+    /// nearer than the point; none if it does not see it.
+    pub(crate) fn nearer(&self, u: f32, v: f32, w: f32) -> Option<(usize, f32)> {
+        let (x, y, seen) = self.pixel(u, v, w)?;
+        let pixel = y * self.width + x;
+        Some((pixel, self.inverse_depth[pixel] - seen))
+    }
+
+    /// Colour of a pixel of the other view.
+    pub(crate) fn colour(&self, pixel: usize) -> &[f32] {
+        &self.view.image().data()[3 * pixel..][..3]
+    }
+
     /// What the other view says of the point at (u, v) with inverse depth `w`.
     pub(crate) fn opinion(&self, u: f32, v: f32, w: f32, planes: &Planes) -> Opinion {
         let Some((x, y, seen)) = self.pixel(u, v, w) else {

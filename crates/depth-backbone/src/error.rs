@@ -140,6 +140,29 @@ pub enum Error {
         "the weights are for depth alone, and features or Gaussians are wanted: use a checkpoint with `feature_upsampler`"
     )]
     NoFeatureWeights,
+    /// A file of weights of the learned depth stage that is none, or does not fit.
+    #[error("weights {}", path.display())]
+    DepthWeightsFile {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Why.
+        source: Box<Error>,
+    },
+    /// Tensors of the learned depth stage are missing, unexpected, misshapen or not finite.
+    #[error("the weights of the learned depth do not fit: {}", tensor_files::first_few(problems))]
+    DepthWeights {
+        /// All that does not fit.
+        problems: Vec<tensor_files::WeightProblem>,
+    },
+    /// A safetensors file of something else.
+    #[error("no weights of the learned depth: the metadata have no \"learned-depth\"")]
+    NotDepthWeights,
+    /// No safetensors.
+    #[error(transparent)]
+    Safetensors(#[from] tensor_files::SafetensorsFault),
+    /// A file cannot be read.
+    #[error(transparent)]
+    Read(#[from] std::io::Error),
     /// Gaussians of a backbone that has no head of its own.
     #[error(
         "{backbone} has no head of its own that makes Gaussians: use DepthSplat's network, or another head"

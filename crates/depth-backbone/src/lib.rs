@@ -19,6 +19,8 @@ mod sgm;
 mod consistency;
 mod fill;
 
+mod learned;
+
 #[cfg(feature = "depthsplat")]
 mod depthsplat;
 
@@ -34,5 +36,6 @@ pub use depthsplat::{
 pub use error::{Error, Result};
 pub use features::{FEATURE_NAMES, Features};
 pub use given_depth::GivenDepth;
+pub use learned::{Decoded, DepthNetwork, DepthWeights, InputParts, Inputs, Recorded};
 pub use plane_sweep::PlaneSweep;
 pub use range::{DepthRange, FAR_MARGIN};

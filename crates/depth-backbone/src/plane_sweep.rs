@@ -3,6 +3,7 @@
 use crate::backbone::{DepthBackbone, ViewGeometry, Wanted, check_pixels};
 use crate::consistency::{Witness, agree, contradicted};
 use crate::cost::{Hypotheses, Reference, Source, WindowStatistics, surface_costs, volume};
+use crate::learned::{DepthNetwork, Evidence, Inputs, of_all};
 use crate::pair::Pair;
 use crate::range::{DepthRange, Planes};
 use crate::resolution::{enlarged, reduced};
@@ -11,10 +12,11 @@ use crate::{Error, Features, Result, fill, sgm, sources};
 use cpu_kernels::Isa;
 use gs_scene::{Camera, DepthMap, View};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Plane-sweep stereo: ZNCC of 7×7 windows over several sources, semi-global matching of all planes at half the resolution and of a
 /// few about what was found at the full one, a check between the views, and filling of what failed it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct PlaneSweep {
     /// Near and far end of the scene.
     pub range: DepthRange,
@@ -22,11 +24,13 @@ pub struct PlaneSweep {
     pub planes: usize,
     /// Views that each view is matched with at most.
     pub sources: usize,
+    /// The network that fills what the views do not confirm, if there is one; otherwise confirmed neighbours do.
+    pub network: Option<Arc<DepthNetwork>>,
 }
 
 impl Default for PlaneSweep {
     fn default() -> Self {
-        Self { range: DepthRange::Estimate, planes: 128, sources: 4 }
+        Self { range: DepthRange::Estimate, planes: 128, sources: 4, network: None }
     }
 }
 
@@ -102,9 +106,25 @@ impl PlaneSweep {
     }
 }
 
-impl DepthBackbone for PlaneSweep {
-    fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
-        wanted.without_own_head("plane-sweep stereo")?;
+/// What stereo found of all views, before anything is joined to a result.
+struct Survey<'v> {
+    planes: Planes,
+    matched: Vec<Matched<'v>>,
+    evidence: Vec<Evidence>,
+}
+
+impl PlaneSweep {
+    /// What the network behind the sweep sees of each view, for its training.
+    ///
+    /// # Errors
+    /// If the views do not suffice for stereo.
+    pub fn inputs(&self, views: &[View]) -> Result<Vec<Inputs>> {
+        let Survey { planes, matched, evidence } = self.survey(views)?;
+        Ok(of_all(&matched, &evidence, &planes))
+    }
+
+    /// Sweep, check between the views, and filling.
+    fn survey<'v>(&self, views: &'v [View]) -> Result<Survey<'v>> {
         if self.sources == 0 {
             return Err(Error::Setting { setting: "sources", found: 0.0, expected: "1 or more" });
         }
@@ -116,17 +136,50 @@ impl DepthBackbone for PlaneSweep {
         let factor = if views.iter().any(|view| side(view) >= LARGE) { COARSE } else { 1 };
         let surfaces = coarse_surfaces(views, &chosen, &planes, factor)?;
         let matched = Matched::all(views, &chosen);
-        let inverse_depths = within_volumes(&matched, 2 * REACH as usize + 1, |i, view| {
+        let found = within_volumes(&matched, 2 * REACH as usize + 1, |i, view| {
             let (coarse, surface) = &surfaces[i];
             let surface = enlarged(surface, coarse, &view.texture, factor);
             sweep_about(view, &matched, &planes, &surface)
         });
         drop(surfaces);
+        let (inverse_depths, distinct): (Vec<_>, Vec<_>) = found.into_iter().unzip();
         let filled: Vec<(Vec<f32>, Vec<f32>)> = (0..views.len())
             .into_par_iter()
             .map(|i| fuse_and_fill(i, &matched, &inverse_depths, &planes))
             .collect();
-        let (inverse_depths, mut confidences): (Vec<_>, Vec<_>) = filled.into_iter().unzip();
+        let found = inverse_depths.into_iter().zip(distinct).zip(filled);
+        let evidence = found.map(|((matched, distinct), (inverse_depth, confidence))| Evidence {
+            matched,
+            distinct,
+            inverse_depth,
+            confidence,
+        });
+        let evidence = evidence.collect();
+        Ok(Survey { planes, matched, evidence })
+    }
+}
+
+/// Matching costs of a view's surface, 0..1.
+pub(crate) fn costs_of(view: &Matched, all: &[Matched], surface: &[f32], planes: &Planes) -> Vec<f32> {
+    surface_costs(Isa::in_use(), view.reference(), &view.sources(all), surface, planes.ends())
+}
+
+impl DepthBackbone for PlaneSweep {
+    fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
+        wanted.without_own_head("plane-sweep stereo")?;
+        let Survey { planes, matched, evidence } = self.survey(views)?;
+        let surfaces: Vec<(Vec<f32>, Vec<f32>)> = match &self.network {
+            None => evidence.into_iter().map(|found| (found.inverse_depth, found.confidence)).collect(),
+            Some(network) => {
+                let inputs = of_all(&matched, &evidence, &planes);
+                let joined = inputs.into_par_iter().zip(evidence).map(|(inputs, found)| {
+                    let stereo = found.inverse_depth.into_iter().zip(found.confidence);
+                    inputs.join(&network.run(&inputs), stereo)
+                });
+                joined.collect()
+            }
+        };
+        let (inverse_depths, mut confidences): (Vec<_>, Vec<_>) = surfaces.into_iter().unzip();
         confidences.par_iter_mut().enumerate().for_each(|(i, confidence)| {
             let witnesses = witnesses(i, &matched, &inverse_depths, &planes);
             let wrong = contradicted(matched[i].view, &inverse_depths[i], &witnesses, &planes);
@@ -144,17 +197,10 @@ impl DepthBackbone for PlaneSweep {
                 let depth = DepthMap::new(width, height, inverse_depth.iter().map(|w| 1.0 / w).collect())?;
                 let features = match wanted {
                     Wanted::Depth | Wanted::DepthAndGaussians => None,
-                    Wanted::DepthAndFeatures => {
-                        let sources = view.sources(&matched);
-                        let cost = surface_costs(
-                            Isa::in_use(),
-                            view.reference(),
-                            &sources,
-                            inverse_depth,
-                            planes.ends(),
-                        );
-                        Some(Features::Bank { schema: Self::SCHEMA.to_owned(), cost })
-                    }
+                    Wanted::DepthAndFeatures => Some(Features::Bank {
+                        schema: Self::SCHEMA.to_owned(),
+                        cost: costs_of(view, &matched, inverse_depth, &planes),
+                    }),
                 };
                 Ok(ViewGeometry { depth, confidence, features, gaussians: None })
             })
@@ -168,18 +214,21 @@ fn check(views: &[View]) -> Result<()> {
     if views.len() == 1 { Err(Error::OneView) } else { Ok(()) }
 }
 
-/// The other views that can judge a view's depth: those that see the middle of the range from elsewhere. What is seen
-/// from the same place agrees at any depth.
+/// Whether a view sees the middle of the range from elsewhere than another one. What is seen from the same place agrees at any depth.
+pub(crate) fn has_parallax(of: usize, other: usize, matched: &[Matched], planes: &Planes) -> bool {
+    let position = |view: usize| matched[view].view.camera().position();
+    position(of).distance(position(other)) * planes.inverse_depth_at(0.5) > LEAST_PARALLAX
+}
+
+/// The other views that can judge a view's depth.
 pub(crate) fn witnesses<'a>(
     of: usize,
     matched: &'a [Matched],
     inverse_depths: &'a [Vec<f32>],
     planes: &Planes,
 ) -> Vec<Witness<'a>> {
-    let position = |view: usize| matched[view].view.camera().position();
-    let parallax = |other: usize| position(of).distance(position(other)) * planes.inverse_depth_at(0.5);
     (0..matched.len())
-        .filter(|&other| other != of && parallax(other) > LEAST_PARALLAX)
+        .filter(|&other| other != of && has_parallax(of, other, matched, planes))
         .map(|other| Witness::new(matched[of].view, matched[other].view, &inverse_depths[other]))
         .collect()
 }
@@ -218,31 +267,34 @@ fn within_volumes<'v, T: Send>(
 /// A view's inverse depth by semi-global matching of all planes.
 pub(crate) fn sweep(view: &Matched, all: &[Matched], planes: &Planes) -> Vec<f32> {
     let hypotheses = Hypotheses { surface: None, offsets: &planes.inverse_depths(), ends: planes.ends() };
-    let winners = best(view, all, &hypotheses, None);
+    let sums = sums(view, all, &hypotheses, None);
+    let winners = sgm::winners(&sums, planes.count().next_multiple_of(sgm::LANES), planes.count());
     winners.into_iter().map(|plane| planes.inverse_depth(plane)).collect()
 }
 
-/// A view's inverse depth by semi-global matching of the planes within [`REACH`] of a surface, which windows follow.
-fn sweep_about(view: &Matched, all: &[Matched], planes: &Planes, surface: &[f32]) -> Vec<f32> {
+/// A view's inverse depth by semi-global matching of the planes within [`REACH`] of a surface, which windows follow; and how far the
+/// best plane stands out.
+fn sweep_about(view: &Matched, all: &[Matched], planes: &Planes, surface: &[f32]) -> (Vec<f32>, Vec<f32>) {
     let ((farthest, nearest), step) = (planes.ends(), planes.step());
     let offsets: Vec<f32> = (-REACH..=REACH).map(|plane| plane as f32 * step).collect();
     let hypotheses = Hypotheses { surface: Some(surface), offsets: &offsets, ends: planes.ends() };
     let first: Vec<i32> = surface.iter().map(|&w| planes.next_to(w)).collect();
-    let winners = best(view, all, &hypotheses, Some(&first));
+    let sums = sums(view, all, &hypotheses, Some(&first));
+    let padded = offsets.len().next_multiple_of(sgm::LANES);
+    let winners = sgm::winners(&sums, padded, offsets.len());
     let place = |(winner, w): (f32, &f32)| (w + (winner - REACH as f32) * step).clamp(farthest, nearest);
-    winners.into_iter().zip(surface).map(place).collect()
+    let found = winners.into_iter().zip(surface).map(place).collect();
+    (found, sgm::distinctness(&sums, padded, offsets.len()))
 }
 
-/// The best of a view's hypotheses at each pixel, whole or between two. `first` is the number of each pixel's first plane, where they
-/// differ.
-fn best(view: &Matched, all: &[Matched], hypotheses: &Hypotheses, first: Option<&[i32]>) -> Vec<f32> {
+/// Sums of the matching costs of a view's hypotheses at each pixel, filled up to whole vectors. `first` is the number of each pixel's
+/// first plane, where they differ.
+fn sums(view: &Matched, all: &[Matched], hypotheses: &Hypotheses, first: Option<&[i32]>) -> Vec<u16> {
     let isa = Isa::in_use();
     let costs = volume(isa, view.reference(), &view.sources(all), hypotheses);
-    let count = hypotheses.offsets.len();
-    let planes = count.next_multiple_of(sgm::LANES);
+    let planes = hypotheses.offsets.len().next_multiple_of(sgm::LANES);
     let volume = sgm::Volume { costs: &costs, width: view.texture.width, planes, first };
-    let sums = sgm::aggregate(isa, volume, &view.texture.values);
-    sgm::winners(&sums, planes, count)
+    sgm::aggregate(isa, volume, &view.texture.values)
 }
 
 /// Takes the confirmation from patches of fewer than [`SMALLEST_PATCH`] connected pixels: what agrees by chance is

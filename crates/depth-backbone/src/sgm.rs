@@ -184,6 +184,16 @@ pub(crate) fn winners(sums: &[u16], planes: usize, count: usize) -> Vec<f32> {
     sums.chunks_exact(planes).map(|sums| winner(&sums[..count])).collect()
 }
 
+/// How far the least sum of every pixel lies below their mean, as a share of the largest matching costs of eight paths.
+pub(crate) fn distinctness(sums: &[u16], planes: usize, count: usize) -> Vec<f32> {
+    let of = |sums: &[u16]| {
+        let least = sums.iter().copied().min().unwrap_or(0);
+        let mean = sums.iter().map(|&sum| f32::from(sum)).sum::<f32>() / sums.len() as f32;
+        (mean - f32::from(least)) / (8.0 * COST_LEVELS)
+    };
+    sums.chunks_exact(planes).map(|sums| of(&sums[..count])).collect()
+}
+
 fn winner(sums: &[u16]) -> f32 {
     let least = sums.iter().fold(u16::MAX, |least, &sum| least.min(sum));
     let best = sums.iter().position(|&sum| sum == least).unwrap_or(0);

@@ -98,6 +98,20 @@ pub(crate) fn description(scene: SimulatedScene, (width, height): (usize, usize)
     format!("{scene} {width}x{height} frames {FRAMES}{views} samples {SAMPLES} seed {SEED}\n{described}")
 }
 
+/// The context views of a generated scene's window alone, with exact depth and this many rays per pixel: what stereo is trained on.
+///
+/// # Errors
+/// If the size is empty.
+pub fn simulated_context(scene: SimulatedScene, size: (usize, usize), samples: u32) -> Result<Vec<View>> {
+    let described = scene.scene();
+    let traced = Traced::new(&described)?;
+    let photographs = taken(&described, size)?;
+    let photographs = scene_sim::Photographs { samples, ..photographs };
+    let (first, step) = scene.context();
+    let views = (first..FRAMES).step_by(step);
+    views.map(|index| eight_bits(photograph(&traced, &photographs, index, SEED)?.view)).collect()
+}
+
 fn courtyard(size: (usize, usize)) -> Result<Vec<View>> {
     let scene = Traced::new(&demo_scene())?;
     let (context, targets) = demo_cameras(size.0, size.1)?;
@@ -112,12 +126,16 @@ fn courtyard(size: (usize, usize)) -> Result<Vec<View>> {
 }
 
 /// Pictures as the scene has them taken, without distortion: a window has pinhole views.
-fn generated(scene: Scene, (width, height): (usize, usize)) -> Result<Vec<View>> {
+fn generated(scene: Scene, size: (usize, usize)) -> Result<Vec<View>> {
     let traced = Traced::new(&scene)?;
-    let photographs = scene.photographs.ok_or(crate::Error::NoContext)?;
-    let photographs =
-        scene_sim::Photographs { width, height, count: FRAMES, distortion: None, ..photographs };
+    let photographs = taken(&scene, size)?;
     (0..FRAMES).map(|index| Ok(photograph(&traced, &photographs, index, SEED)?.view)).collect()
+}
+
+/// How a generated scene is photographed.
+fn taken(scene: &Scene, (width, height): (usize, usize)) -> Result<scene_sim::Photographs> {
+    let photographs = scene.photographs.clone().ok_or(crate::Error::NoContext)?;
+    Ok(scene_sim::Photographs { width, height, count: FRAMES, distortion: None, ..photographs })
 }
 
 /// A view as a camera would store it: the tables compare with 8-bit photographs.

@@ -6,9 +6,10 @@ use crate::given::Given;
 use attn_head::Weights;
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
+use depth_backbone::PlaneSweep;
 use evaluate::{Lpips, Method};
 use refine::Stop;
-use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Exposure, Head, Sampler};
+use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Exposure, Head, Sampler, SweepDepth};
 use std::path::{Path, PathBuf};
 
 /// End of the short help (`-h`) of commands with many options.
@@ -113,6 +114,9 @@ pub(crate) struct DepthSource {
     /// Depth planes of the stereo; fewer are faster [default: 128]
     #[arg(long, value_name = "N", value_parser = planes, hide_short_help = true)]
     pub(crate) depth_planes: Option<usize>,
+    /// Depth of the stereo: stereo, learned (improved by a small network), or a FILE of such a network's weights from train-depth
+    #[arg(long, value_name = "SOURCE", value_parser = sweep_depth)]
+    pub(crate) depth: Option<SweepDepth>,
     /// Weights of a head or of DepthSplat's network, or both; the kind is read from the file
     ///
     /// A head from `train` replaces the default head. A checkpoint of DepthSplat serves --backbone depthsplat; without one, the checkpoint in the
@@ -124,7 +128,11 @@ pub(crate) struct DepthSource {
 impl DepthSource {
     /// The files that are named.
     pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
-        self.weights.iter().map(PathBuf::as_path)
+        let network = match &self.depth {
+            Some(SweepDepth::Weights(path)) => Some(path.as_path()),
+            _ => None,
+        };
+        self.weights.iter().map(PathBuf::as_path).chain(network)
     }
 
     /// The backbone, and the weights of a head if they are given.
@@ -153,11 +161,14 @@ impl DepthSource {
                 )));
             }
             (BackboneName::GivenDepth, None) => Backbone::GivenDepth,
-            (BackboneName::PlaneSweep, None) => match self.depth_planes {
-                Some(planes) => Backbone::PlaneSweep { planes },
-                None => Backbone::default(),
+            (BackboneName::PlaneSweep, None) => Backbone::PlaneSweep {
+                planes: self.depth_planes.unwrap_or(PlaneSweep::default().planes),
+                depth: self.depth.clone().unwrap_or_default(),
             },
         };
+        if let (true, false) = (self.depth.is_some(), matches!(backbone, Backbone::PlaneSweep { .. })) {
+            return Err(Failure::input("--depth is for the stereo of --backbone plane-sweep"));
+        }
         if let (Some(planes), false) = (self.depth_planes, matches!(backbone, Backbone::PlaneSweep { .. })) {
             return Err(Failure::input(format!(
                 "--depth-planes {planes} is for the stereo of --backbone plane-sweep"
@@ -387,6 +398,16 @@ fn threads(text: &str) -> Result<usize, String> {
 }
 
 /// At least two planes of stereo.
+/// Whose depth is used behind the plane sweep.
+fn sweep_depth(text: &str) -> Result<SweepDepth, String> {
+    match text {
+        "stereo" => Ok(SweepDepth::Stereo),
+        "learned" => Ok(SweepDepth::Learned),
+        path if Path::new(path).exists() => Ok(SweepDepth::Weights(path.into())),
+        _ => Err("expected stereo, learned, or a file of weights from train-depth".to_owned()),
+    }
+}
+
 fn planes(text: &str) -> Result<usize, String> {
     positive(text)
         .ok()

@@ -29,6 +29,7 @@ mod summary;
 mod sweep;
 mod tradeoff;
 mod train;
+mod train_depth;
 mod video;
 mod view;
 mod weights;
@@ -82,6 +83,7 @@ enum Command {
     Tradeoff(tradeoff::Arguments),
     Paper(paper::Arguments),
     Train(train::Arguments),
+    TrainDepth(train_depth::Arguments),
     Ablate(ablate::Arguments),
     Simulate(simulate::Arguments),
     CheckData(check_data::Arguments),
@@ -123,6 +125,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Tradeoff(arguments) => tradeoff::run(arguments, common),
         Command::Paper(arguments) => paper::run(arguments, common),
         Command::Train(arguments) => train::run(arguments, common),
+        Command::TrainDepth(arguments) => train_depth::run(arguments, common),
         Command::Ablate(arguments) => ablate::run(arguments, common),
         Command::Simulate(arguments) => simulate::run(arguments, common),
         Command::CheckData(arguments) => check_data::run(arguments, common),

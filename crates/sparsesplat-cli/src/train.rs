@@ -18,6 +18,7 @@ use report::training_plot;
 use report_parts::Picture;
 use scene_windows::{Plan, Reading, Windows};
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use sparsesplat::Predictor;
 use std::fs;
 use std::io::Write;
@@ -175,7 +176,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             windows,
             data_sha256,
             weights: run.weights(),
-            validation: last_validation(&run.log())?,
+            validation: last_validation(&run.folder.log())?,
             device,
             peak_rss_bytes: peak_rss_bytes(),
         };
@@ -186,55 +187,72 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     Ok(())
 }
 
-/// Where a run keeps its files, and how often it looks up.
-pub(crate) struct Run<'a> {
-    folder: &'a Path,
-    /// Held-out windows, and the steps between two looks at them.
-    validation: Option<(&'a Cases, usize)>,
-    save_every: usize,
+/// Where a run keeps its files.
+pub(crate) struct Folder {
+    path: PathBuf,
     /// Keeps other processes out of the folder.
     _lock: fs::File,
 }
 
-impl<'a> Run<'a> {
+impl Folder {
     /// Takes a folder, which is made, for this process alone. A run that is there already is gone on with only if that is wanted.
-    pub(crate) fn begin(folder: &'a Path, save_every: usize, resume: bool) -> Outcome<Self> {
-        output::check_folder(folder)?;
-        let path = folder.join("run.lock");
-        let lock = lock_file(&path).with_context(|| format!("{}: cannot lock", path.display())).or_work()?;
+    pub(crate) fn begin(path: &Path, resume: bool) -> Outcome<Self> {
+        output::check_folder(path)?;
+        let file = path.join("run.lock");
+        let lock = lock_file(&file).with_context(|| format!("{}: cannot lock", file.display())).or_work()?;
         let Some(lock) = lock else {
             return Err(Failure::input(format!(
                 "{}: another process is training in this folder: let it finish, or give another folder",
-                folder.display()
+                path.display()
             )));
         };
-        let run = Self { folder, validation: None, save_every, _lock: lock };
-        let checkpoint = run.checkpoint();
+        let folder = Self { path: path.to_owned(), _lock: lock };
+        let checkpoint = folder.checkpoint();
         if !resume && checkpoint.exists() {
             return Err(Failure::input(format!(
                 "{}: a run is there already: --resume goes on with it, another --output begins anew",
                 checkpoint.display()
             )));
         }
-        Ok(run)
+        Ok(folder)
     }
 
     /// The weights.
     pub(crate) fn weights(&self) -> PathBuf {
-        self.folder.join("weights.safetensors")
+        self.path.join("weights.safetensors")
     }
 
-    fn log(&self) -> PathBuf {
-        self.folder.join("log.jsonl")
+    pub(crate) fn log(&self) -> PathBuf {
+        self.path.join("log.jsonl")
     }
 
-    fn checkpoint(&self) -> PathBuf {
-        self.folder.join("checkpoint.safetensors")
+    pub(crate) fn checkpoint(&self) -> PathBuf {
+        self.path.join("checkpoint.safetensors")
+    }
+}
+
+/// A run in its folder, and how often it looks up.
+pub(crate) struct Run<'a> {
+    folder: Folder,
+    /// Held-out windows, and the steps between two looks at them.
+    validation: Option<(&'a Cases, usize)>,
+    save_every: usize,
+}
+
+impl Run<'_> {
+    /// Takes a folder, as [`Folder::begin`] does.
+    pub(crate) fn begin(folder: &Path, save_every: usize, resume: bool) -> Outcome<Self> {
+        Ok(Self { folder: Folder::begin(folder, resume)?, validation: None, save_every })
+    }
+
+    /// The weights.
+    pub(crate) fn weights(&self) -> PathBuf {
+        self.folder.weights()
     }
 
     /// All steps that are left.
     pub(crate) fn complete(&self, trainer: &mut Trainer) -> Outcome {
-        let checkpoint = self.checkpoint();
+        let checkpoint = self.folder.checkpoint();
         let begun = checkpoint.exists();
         if begun {
             trainer.resume(&checkpoint).or_input()?;
@@ -242,7 +260,7 @@ impl<'a> Run<'a> {
         }
         let config = trainer.config().clone();
         let recipe = crate::recipe(config.seed, config.clone());
-        let mut log = Log::open(&self.log(), trainer.steps(), &recipe)?;
+        let mut log = Log::open(&self.folder.log(), trainer.steps(), &recipe)?;
         let progress = Progress::new(config.steps);
         progress.set(trainer.steps());
         let (mut psnr, mut loss) = (f64::NAN, f64::NAN);
@@ -276,7 +294,7 @@ impl<'a> Run<'a> {
     fn validate(&self, trainer: &Trainer, log: &mut Log, progress: &Progress) -> Outcome {
         let Some((cases, _)) = self.validation else { return Ok(()) };
         let step = trainer.steps();
-        let scores = validate(trainer, cases, self.folder)?;
+        let scores = validate(trainer, cases, &self.folder.path)?;
         let line = scores.iter().map(|score| {
             let Score { density, psnr, psnr_closed_form } = score;
             format!("{density}: {psnr:.2} dB ({:+.2})", psnr - psnr_closed_form)
@@ -288,9 +306,9 @@ impl<'a> Run<'a> {
 
     fn keep(&self, trainer: &Trainer, log: &mut Log) -> Outcome {
         log.flush()?;
-        trainer.save(&self.checkpoint()).or_work()?;
+        trainer.save(&self.folder.checkpoint()).or_work()?;
         trainer.weights().write(self.weights()).or_work()?;
-        output::write_text(&self.folder.join("curve.svg"), &log.curve()?)
+        output::write_text(&self.folder.path.join("curve.svg"), &log.curve()?)
     }
 }
 
@@ -326,17 +344,7 @@ impl Data {
     pub(crate) fn keep_unseen(&self, held_out: &Range<u64>, done: &str) -> Outcome {
         let [clean, wild] = self.seeds();
         let ours = clean.start..wild.end;
-        if self.dataset == Dataset::Simulated && ours.start < held_out.end && held_out.start < ours.end {
-            return Err(Failure::input(format!(
-                "scenes of the seeds {} to {} are trained on and those of {} to {} {done} on: --first-seed and the number of scenes \
-                 keep them apart",
-                ours.start,
-                ours.end - 1,
-                held_out.start,
-                held_out.end - 1
-            )));
-        }
-        Ok(())
+        if self.dataset == Dataset::Simulated { keep_apart(ours, held_out, done) } else { Ok(()) }
     }
 
     /// The windows that are asked for.
@@ -362,15 +370,38 @@ impl Data {
     }
 }
 
-/// Settings from a file; what it leaves out is as in the default.
+/// Refuses seeds of scenes to train on among which are some of scenes that something else is done on.
+pub(crate) fn keep_apart(ours: Range<u64>, held_out: &Range<u64>, done: &str) -> Outcome {
+    if ours.start < held_out.end && held_out.start < ours.end {
+        return Err(Failure::input(format!(
+            "scenes of the seeds {} to {} are trained on and those of {} to {} {done} on: --first-seed and the number of scenes \
+             keep them apart",
+            ours.start,
+            ours.end - 1,
+            held_out.start,
+            held_out.end - 1
+        )));
+    }
+    Ok(())
+}
+
+/// Settings of a head's training from a file.
 pub(crate) fn config(path: Option<&Path>) -> Outcome<Config> {
-    let Some(path) = path else { return Ok(Config::default()) };
+    read_config(path, Config::check)
+}
+
+/// Settings from a file, checked; what it leaves out is as in the default.
+pub(crate) fn read_config<C: DeserializeOwned + Default>(
+    path: Option<&Path>,
+    check: impl Fn(&C) -> train::Result<()>,
+) -> Outcome<C> {
+    let Some(path) = path else { return Ok(C::default()) };
     let named = || path.display().to_string();
     let text =
         fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_input()?;
     let options = ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
-    let config: Config = options.from_str(&text).with_context(named).or_input()?;
-    config.check().with_context(named).or_input()?;
+    let config: C = options.from_str(&text).with_context(named).or_input()?;
+    check(&config).with_context(named).or_input()?;
     Ok(config)
 }
 
@@ -424,11 +455,11 @@ fn side_by_side(look: Look) -> Image {
 }
 
 /// The log: a recipe, then a line per step and validation.
-struct Log(fs::File, PathBuf);
+pub(crate) struct Log(fs::File, PathBuf);
 
 impl Log {
     /// Opens the log of a run that has done `steps`; lines of later steps, which a killed run may have left, go.
-    fn open(path: &Path, steps: usize, recipe: &impl Serialize) -> Outcome<Self> {
+    pub(crate) fn open(path: &Path, steps: usize, recipe: &impl Serialize) -> Outcome<Self> {
         let kept = if steps == 0 { None } else { fs::read_to_string(path).ok() };
         let text = match kept {
             Some(text) => {
@@ -447,7 +478,7 @@ impl Log {
         Ok(Self(file, path.to_path_buf()))
     }
 
-    fn write(&mut self, value: &impl Serialize) -> Outcome {
+    pub(crate) fn write(&mut self, value: &impl Serialize) -> Outcome {
         let line = serde_json::to_string(value).or_work()? + "\n";
         self.0
             .write_all(line.as_bytes())
@@ -473,7 +504,7 @@ impl Log {
         Ok(training_plot(&steps.collect::<Vec<_>>(), &curves))
     }
 
-    fn flush(&mut self) -> Outcome {
+    pub(crate) fn flush(&mut self) -> Outcome {
         self.0.sync_data().with_context(|| format!("{}: cannot write", self.1.display())).or_work()
     }
 }

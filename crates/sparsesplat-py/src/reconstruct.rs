@@ -219,7 +219,7 @@ fn range(given: Option<&Bound<'_, PyAny>>) -> PyResult<(bool, DepthRange)> {
 fn read_backbone(name: &str, planes: Option<usize>) -> PyResult<Backbone> {
     match (name, planes) {
         ("plane-sweep", None) => Ok(Backbone::default()),
-        ("plane-sweep", Some(planes)) => Ok(Backbone::PlaneSweep { planes }),
+        ("plane-sweep", Some(planes)) => Ok(Backbone::plane_sweep(planes)),
         ("given-depth", None) => Ok(Backbone::GivenDepth),
         ("given-depth", Some(_)) => {
             Err(PyValueError::new_err("depth_planes is for backbone=\"plane-sweep\""))

@@ -1,8 +1,9 @@
 //! The configured backbone: depth, and what else is wanted of it.
 
-use crate::{Backbone, Config, Error, Result};
+use crate::{Backbone, Config, Error, Result, SweepDepth};
 use depth_backbone::{
-    DepthBackbone, DepthRange, GivenDepth, NetworkDevice, PlaneSweep, ViewGeometry, Wanted,
+    DepthBackbone, DepthNetwork, DepthRange, DepthWeights, GivenDepth, NetworkDevice, PlaneSweep,
+    ViewGeometry, Wanted,
 };
 use gs_scene::View;
 use std::path::{Path, PathBuf};
@@ -21,7 +22,7 @@ pub struct Geometry {
 pub(crate) fn geometry(
     views: &[View],
     config: &Config,
-    network: Option<&Network>,
+    networks: &Networks,
     wanted: Wanted,
 ) -> Result<Geometry> {
     let stereo = PlaneSweep { range: config.depth_range, ..PlaneSweep::default() };
@@ -30,15 +31,20 @@ pub(crate) fn geometry(
             let range = GivenDepth::depth_range(views)?;
             (GivenDepth.estimate(views, wanted)?, range)
         }
-        Backbone::PlaneSweep { planes } => {
+        Backbone::PlaneSweep { planes, .. } => {
             check_parallax(views, config.depth_range)?;
             let (near, far) = stereo.depth_range(views)?;
-            let sweep = PlaneSweep { range: DepthRange::Known { near, far }, planes: *planes, ..stereo };
+            let sweep = PlaneSweep {
+                range: DepthRange::Known { near, far },
+                planes: *planes,
+                network: networks.sweep.as_ref().map(|(_, network)| Arc::clone(network)),
+                ..stereo
+            };
             (sweep.estimate(views, wanted)?, (near, far))
         }
         Backbone::DepthSplat(weights) => {
             check_parallax(views, config.depth_range)?;
-            let network = network.ok_or_else(|| no_network(weights))?;
+            let network = networks.depthsplat.as_ref().ok_or_else(|| no_network(weights))?;
             let range = stereo.depth_range(views)?;
             (network.model.estimate_within(views, range, wanted)?, range)
         }
@@ -74,12 +80,55 @@ fn check_parallax(views: &[View], range: DepthRange) -> Result<()> {
 }
 
 /// What tells results of one backbone from those of another: its name, and which weights it has, whatever their file is called.
-pub(crate) fn identity(backbone: &Backbone, network: Option<&Network>) -> String {
-    match (backbone, network) {
-        (Backbone::DepthSplat(_), Some(network)) => network.model.schema().to_owned(),
-        (backbone, _) => format!("{backbone:?}"),
+pub(crate) fn identity(backbone: &Backbone, networks: &Networks) -> String {
+    match (backbone, &networks.depthsplat, &networks.sweep) {
+        (Backbone::DepthSplat(_), Some(network), _) => network.model.schema().to_owned(),
+        (Backbone::PlaneSweep { planes, .. }, _, Some((_, network))) => {
+            format!("PlaneSweep {{ planes: {planes}, network: {} }}", network.name())
+        }
+        (backbone, _, _) => format!("{backbone:?}"),
     }
 }
+
+/// The networks that a configuration needs, in memory.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Networks {
+    /// Of the backbone DepthSplat, or the one that was read last.
+    pub(crate) depthsplat: Option<Network>,
+    /// Behind the plane sweep.
+    pub(crate) sweep: Option<(SweepDepth, Arc<DepthNetwork>)>,
+}
+
+impl Networks {
+    /// Those of a configuration; what is there already is not read again.
+    pub(crate) fn of(&self, backbone: &Backbone, device: NetworkDevice) -> Result<Self> {
+        let mut new = self.clone();
+        match backbone {
+            Backbone::DepthSplat(weights) => {
+                if !new.depthsplat.as_ref().is_some_and(|network| network.is_of(weights)) {
+                    new.depthsplat = Some(Network::read(weights, device)?);
+                }
+            }
+            Backbone::PlaneSweep { depth, .. } => {
+                if new.sweep.as_ref().is_none_or(|(of, _)| of != depth) {
+                    new.sweep = match depth {
+                        SweepDepth::Stereo => None,
+                        SweepDepth::Learned => Some(DepthWeights::from_bytes(LEARNED_DEPTH)?),
+                        SweepDepth::Weights(path) => Some(DepthWeights::read(path)?),
+                    }
+                    .map(|weights| DepthNetwork::new(&weights))
+                    .transpose()?
+                    .map(|network| (depth.clone(), Arc::new(network)));
+                }
+            }
+            Backbone::GivenDepth => {}
+        }
+        Ok(new)
+    }
+}
+
+/// This crate's weights of the network behind the plane sweep.
+const LEARNED_DEPTH: &[u8] = include_bytes!("../weights/learned-depth-1.safetensors");
 
 /// A network in memory, and the file that its weights are from.
 #[derive(Clone)]

@@ -74,15 +74,38 @@ pub enum Backbone {
     PlaneSweep {
         /// Number of planes, evenly spaced in inverse depth.
         planes: usize,
+        /// What follows the sweep.
+        depth: SweepDepth,
     },
     /// DepthSplat's network with the weights in a file (feature `depthsplat`): the paper's backbone.
     DepthSplat(PathBuf),
 }
 
+/// Whose depth is used: that of the plane sweep, or a network's that improves it.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SweepDepth {
+    /// As the sweep and the check between the views leave it.
+    #[default]
+    Stereo,
+    /// Improved by the network with this crate's weights.
+    Learned,
+    /// Improved by the network with the weights in a file.
+    Weights(PathBuf),
+}
+
+impl Backbone {
+    /// Stereo of so many planes, with the default of what follows it.
+    #[must_use]
+    pub fn plane_sweep(planes: usize) -> Self {
+        Self::PlaneSweep { planes, depth: SweepDepth::default() }
+    }
+}
+
 impl Default for Backbone {
     /// Stereo, which needs nothing but photographs.
     fn default() -> Self {
-        Self::PlaneSweep { planes: PlaneSweep::default().planes }
+        Self::plane_sweep(PlaneSweep::default().planes)
     }
 }
 

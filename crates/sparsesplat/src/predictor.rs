@@ -2,12 +2,11 @@
 
 use crate::anchored::{Anchored, anchor};
 use crate::as_photographed::exposed_as;
-use crate::backbone::{self, Network};
+use crate::backbone::{self, Networks};
 use crate::learned::{HeadWeights, LearnedHead};
 use crate::merge::merge;
 use crate::{
-    Allocation, Backbone, Budget, Config, Geometry, Head, NetworkDevice, Prediction, Result, Stage, Stages,
-    own_head,
+    Allocation, Budget, Config, Geometry, Head, NetworkDevice, Prediction, Result, Stage, Stages, own_head,
 };
 use depth_backbone::{ViewGeometry, Wanted};
 use gs_scene::View;
@@ -21,8 +20,7 @@ use std::sync::Arc;
 pub struct Predictor {
     config: Config,
     device: NetworkDevice,
-    /// The network of the backbone, or the one that was read last.
-    network: Option<Network>,
+    networks: Networks,
     /// None is the closed form, or the backbone's own head.
     head: Option<(HeadWeights, Arc<LearnedHead>)>,
 }
@@ -41,7 +39,8 @@ impl Predictor {
     /// # Errors
     /// As [`Predictor::new`], or if there is no such device.
     pub fn on(config: Config, device: NetworkDevice) -> Result<Self> {
-        Self { config: Config::default(), device, network: None, head: None }.with_config(config)
+        Self { config: Config::default(), device, networks: Networks::default(), head: None }
+            .with_config(config)
     }
 
     /// Another configuration; weights that this one has read are not read again.
@@ -50,14 +49,7 @@ impl Predictor {
     /// As [`Predictor::new`].
     pub fn with_config(&self, config: Config) -> Result<Self> {
         config.check()?;
-        let network = match &config.backbone {
-            Backbone::DepthSplat(weights) => match &self.network {
-                Some(network) if network.is_of(weights) => Some(network.clone()),
-                _ => Some(Network::read(weights, self.device)?),
-            },
-            // Kept for a configuration that wants it again.
-            Backbone::GivenDepth | Backbone::PlaneSweep { .. } => self.network.clone(),
-        };
+        let networks = self.networks.of(&config.backbone, self.device)?;
         let head = match (HeadWeights::chosen(&config), &self.head) {
             (None, _) => None,
             (Some(weights), Some((read, head))) if weights == *read => Some((weights, Arc::clone(head))),
@@ -66,7 +58,7 @@ impl Predictor {
                 Some((weights, head))
             }
         };
-        Ok(Self { config, device: self.device, network, head })
+        Ok(Self { config, device: self.device, networks, head })
     }
 
     /// The configuration.
@@ -88,7 +80,7 @@ impl Predictor {
     /// What tells results of this backbone from those of another: its name, and which weights it has, whatever their file is called.
     #[must_use]
     pub fn backbone_identity(&self) -> String {
-        backbone::identity(&self.config.backbone, self.network.as_ref())
+        backbone::identity(&self.config.backbone, &self.networks)
     }
 
     /// The backbone alone: depth of all views, and what else the head needs.
@@ -104,7 +96,7 @@ impl Predictor {
     /// # Errors
     /// As [`Predictor::geometry`].
     pub fn geometry_with(&self, views: &[View], wanted: Wanted) -> Result<Geometry> {
-        backbone::geometry(views, &self.config, self.network.as_ref(), wanted)
+        backbone::geometry(views, &self.config, &self.networks, wanted)
     }
 
     /// The pass: views to Gaussians. `on_stage` is called as each stage begins (for progress bars).

@@ -273,9 +273,9 @@ pub fn points(
         }
     }
     all.add(Axis::Resolution, "half-size", |point| point.shrink = 2);
-    if let Backbone::PlaneSweep { planes: usual } = config.backbone {
-        for &planes in extent.planes().iter().filter(|&&planes| planes != usual) {
-            let backbone = Backbone::PlaneSweep { planes };
+    if let Backbone::PlaneSweep { planes: usual, depth } = &config.backbone {
+        for &planes in extent.planes().iter().filter(|&planes| planes != usual) {
+            let backbone = Backbone::PlaneSweep { planes, depth: depth.clone() };
             all.vary(Axis::DepthPlanes, &format!("planes={planes}"), |config| config.backbone = backbone);
         }
     }

@@ -1,5 +1,6 @@
 //! Adam (Kingma & Ba 2015) and its schedule.
 
+use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 const BETA_1: f32 = 0.9;
@@ -27,6 +28,20 @@ impl Default for Rates {
 }
 
 impl Rates {
+    /// Whether every one is within its range.
+    pub(crate) fn check(&self) -> Result<()> {
+        let &Self { learning_rate, last, clip, .. } = self;
+        let sound = learning_rate > 0.0 && learning_rate < 1.0 && (0.0..=1.0).contains(&last);
+        if sound && clip > 0.0 && clip.is_finite() {
+            return Ok(());
+        }
+        Err(Error::Setting {
+            setting: "rates",
+            found: format!("learning_rate {learning_rate}, last {last}, clip {clip}"),
+            expected: "learning_rate between 0 and 1, last from 0 to 1, clip above 0 and finite",
+        })
+    }
+
     /// Learning rate of a step, counted from 0, of so many.
     pub(crate) fn of_step(&self, step: usize, steps: usize) -> f64 {
         if step < self.warm_up {

@@ -120,20 +120,6 @@ impl Config {
         }
         // Of the features, which the backbone decides, any number will do here.
         attn_head::Config { kind: self.head, geometry: 1, image: 1, neighbours: self.neighbours }.check()?;
-        let Rates { learning_rate, last, clip, .. } = self.rates;
-        if !(learning_rate > 0.0
-            && learning_rate < 1.0
-            && (0.0..=1.0).contains(&last)
-            && clip > 0.0
-            && clip.is_finite())
-        {
-            let found = format!("learning_rate {learning_rate}, last {last}, clip {clip}");
-            return refuse(
-                "rates",
-                found,
-                "learning_rate between 0 and 1, last from 0 to 1, clip above 0 and finite",
-            );
-        }
-        Ok(())
+        self.rates.check()
     }
 }

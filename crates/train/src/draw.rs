@@ -10,6 +10,8 @@ pub(crate) enum Stream {
     Context = 5,
     Disturbance = 6,
     Colours = 7,
+    Crop = 8,
+    Mirror = 9,
 }
 
 /// SplitMix64 (Steele, Lea & Flood 2014).

@@ -70,6 +70,9 @@ pub enum Error {
     /// The pipeline before the head fails.
     #[error(transparent)]
     Predict(#[from] sparsesplat::Error),
+    /// Weights of the learned depth that cannot be used.
+    #[error(transparent)]
+    Depth(#[from] depth_backbone::Error),
     /// A noun has the wrong shape.
     #[error(transparent)]
     Scene(#[from] gs_scene::Error),

@@ -4,6 +4,7 @@ mod adam;
 mod cases;
 mod checkpoint;
 mod config;
+pub mod depth;
 mod disturb;
 mod draw;
 mod error;

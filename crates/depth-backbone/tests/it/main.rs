@@ -14,6 +14,7 @@ mod given_depth;
 mod hostile;
 /// What must not change the result: scale, offset and number of threads.
 mod invariance;
+mod learned;
 
 use depth_backbone::{DepthBackbone, DepthRange, PlaneSweep, ViewGeometry, Wanted};
 use glam::{DMat3, DVec3};

@@ -114,7 +114,7 @@ fn numbers(sums: Sums, area: f32, step: Vec3) -> [f32; OF_PART] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::backbone::geometry;
+    use crate::backbone::{Networks, geometry};
     use crate::learned::{HeadInputs, geometry_features};
     use crate::{Allocation, Backbone, Budget, Config, Stages, Wanted, anchor};
     use glam::{DMat3, DVec3};
@@ -139,7 +139,7 @@ mod tests {
 
     fn allocated(views: &[View], allocation: Allocation, gaussians: usize) -> Anchored {
         let config = config(allocation, gaussians);
-        let geometry = geometry(views, &config, None, Wanted::Depth).unwrap();
+        let geometry = geometry(views, &config, &Networks::default(), Wanted::Depth).unwrap();
         anchor(views, &geometry, &config, &mut Stages::new(&mut |_| {})).unwrap()
     }
 
@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn a_head_sees_it_after_all_else() {
         let config = config(Allocation::Entropy, 400);
-        let geometry = geometry(&COURTYARD, &config, None, Wanted::Depth).unwrap();
+        let geometry = geometry(&COURTYARD, &config, &Networks::default(), Wanted::Depth).unwrap();
         let anchored = anchor(&COURTYARD, &geometry, &config, &mut Stages::new(&mut |_| {})).unwrap();
         assert!(anchored.feedback(false).unwrap().is_empty());
         let feedback = anchored.feedback(true).unwrap();

@@ -1,0 +1,281 @@
+//! Steps of training: crops of views, loss, Adam.
+
+use super::cases::{Crop, DepthCases};
+use super::loss::loss;
+use super::score::{Collected, DepthScore};
+use crate::adam::{Adam, Rates, length};
+use crate::draw::{Stream, bits};
+use crate::{Error, Result};
+use depth_backbone::{DepthNetwork, DepthWeights};
+use rayon::prelude::*;
+use safetensors::tensor::Dtype;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+use tensor_files::{Kept, KeptFault, singles, write_kept};
+
+/// Everything that decides what training makes of a set of views.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DepthConfig {
+    /// Steps in all.
+    pub steps: usize,
+    /// Crops per step.
+    pub batch: usize,
+    /// Size of a crop, blocks of 2×2 pixels.
+    pub crop: (usize, usize),
+    /// How fast weights move.
+    pub rates: Rates,
+    /// Seed of the weights and of everything that is drawn.
+    pub seed: u64,
+}
+
+impl Default for DepthConfig {
+    fn default() -> Self {
+        Self { steps: 6000, batch: 8, crop: (96, 64), rates: Rates::default(), seed: 0 }
+    }
+}
+
+/// Most crops per step: more make a step that takes hours.
+const LARGEST_BATCH: usize = 1000;
+
+impl DepthConfig {
+    /// Whether every setting is within its range.
+    ///
+    /// # Errors
+    /// If one is not.
+    pub fn check(&self) -> Result<()> {
+        let refuse = |setting, found: String, expected| Err(Error::Setting { setting, found, expected });
+        if !(1..=LARGEST_BATCH).contains(&self.batch) {
+            return refuse("batch", self.batch.to_string(), "1 to 1000");
+        }
+        if self.crop.0 < 16 || self.crop.1 < 16 {
+            return refuse("crop", format!("{:?}", self.crop), "two sides of at least 16 blocks");
+        }
+        self.rates.check()
+    }
+}
+
+/// What a step did.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct DepthRecord {
+    /// Its number, from 1.
+    pub step: usize,
+    /// Mean loss over the crops.
+    pub loss: f64,
+    /// Learning rate.
+    pub lr: f64,
+    /// Length of the gradient before it was shortened.
+    pub gradient: f64,
+    /// Wall time, seconds.
+    pub seconds: f64,
+    /// Whether the weights stayed, because loss or gradient was not finite.
+    pub skipped: bool,
+}
+
+/// What a checkpoint holds beside tensors.
+#[derive(Serialize, Deserialize)]
+struct Progress {
+    config: DepthConfig,
+    data: String,
+    step: usize,
+    skipped: usize,
+    updates: usize,
+}
+
+/// What the file is.
+const KIND: &str = "depth-run";
+
+/// A run.
+pub struct DepthTrainer {
+    config: DepthConfig,
+    cases: DepthCases,
+    weights: DepthWeights,
+    adam: Adam,
+    step: usize,
+    skipped: usize,
+}
+
+impl DepthTrainer {
+    /// A run from its beginning.
+    ///
+    /// # Errors
+    /// If a setting is out of its range.
+    pub fn new(config: DepthConfig, cases: DepthCases) -> Result<Self> {
+        config.check()?;
+        let weights = DepthWeights::initial(config.seed);
+        let adam = Adam::new(weights.values.len());
+        Ok(Self { config, cases, weights, adam, step: 0, skipped: 0 })
+    }
+
+    /// Begins with these weights instead of random ones.
+    pub fn start_from(&mut self, weights: DepthWeights) {
+        self.weights.values = weights.values;
+    }
+
+    /// Goes on from a checkpoint of the same run.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is of another run.
+    pub fn resume(&mut self, path: &Path) -> Result<()> {
+        let n = self.weights.values.len();
+        let read = || {
+            let (progress, kept): (Progress, Kept) = Kept::read(path, KIND)?;
+            let values = |name: &str| Ok::<_, KeptFault>(singles(kept.expect(name, Dtype::F32, &[n])?));
+            let adam = Adam { first: values("first")?, second: values("second")?, updates: progress.updates };
+            Ok((values("weights")?, adam, progress))
+        };
+        let (weights, adam, progress) =
+            read().map_err(|source| Error::Checkpoint { path: path.to_path_buf(), source })?;
+        let other = |what| Err(Error::OtherRun { path: path.to_path_buf(), what });
+        if progress.config != self.config {
+            return other("configuration");
+        }
+        if progress.data != self.cases.sha256() {
+            return other("data");
+        }
+        (self.weights.values, self.adam) = (weights, adam);
+        (self.step, self.skipped) = (progress.step, progress.skipped);
+        Ok(())
+    }
+
+    /// Writes a checkpoint; a reader never sees half of it.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let progress = Progress {
+            config: self.config.clone(),
+            data: self.cases.sha256().to_owned(),
+            step: self.step,
+            skipped: self.skipped,
+            updates: self.adam.updates,
+        };
+        let tensor = |name: &str, values: &[f32]| {
+            let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            (name.to_owned(), Dtype::F32, vec![values.len()], bytes)
+        };
+        let tensors = [
+            tensor("weights", &self.weights.values),
+            tensor("first", &self.adam.first),
+            tensor("second", &self.adam.second),
+        ];
+        write_kept(path, KIND, &progress, &tensors)
+            .map_err(|source| Error::Checkpoint { path: path.to_path_buf(), source })
+    }
+
+    /// The settings.
+    #[must_use]
+    pub fn config(&self) -> &DepthConfig {
+        &self.config
+    }
+
+    /// Steps done.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.step
+    }
+
+    /// Steps that were skipped.
+    #[must_use]
+    pub fn skipped(&self) -> usize {
+        self.skipped
+    }
+
+    /// The weights as they are.
+    #[must_use]
+    pub fn weights(&self) -> DepthWeights {
+        let metadata = BTreeMap::from([
+            ("steps".to_owned(), self.step.to_string()),
+            ("data_sha256".to_owned(), self.cases.sha256().to_owned()),
+        ]);
+        DepthWeights { values: self.weights.values.clone(), metadata }
+    }
+
+    /// One step: a batch of crops, one update. The result does not depend on the number of threads.
+    ///
+    /// # Errors
+    /// If the weights are not finite. A loss or gradient that is not finite is no error: the step is skipped.
+    pub fn step(&mut self) -> Result<DepthRecord> {
+        let begin = Instant::now();
+        let network = DepthNetwork::for_training(&self.weights)?;
+        let passes: Vec<(f64, Vec<f32>)> = (0..self.config.batch)
+            .into_par_iter()
+            .map(|item| {
+                let Crop { inputs, exact } = self.crop(self.step * self.config.batch + item);
+                let recorded = network.record(&inputs);
+                let (value, gradient) = loss(&inputs, &recorded.decoded, &exact, inputs.size().0);
+                (value, network.backward(&inputs, &recorded, &gradient))
+            })
+            .collect();
+        let share = 1.0 / self.config.batch as f32;
+        let mut sum = vec![0.0_f32; self.weights.values.len()];
+        let mut loss = 0.0;
+        for (value, gradient) in passes {
+            loss += value * f64::from(share);
+            sum.iter_mut().zip(gradient).for_each(|(sum, g)| *sum += share * g);
+        }
+        let gradient = length(&sum);
+        let lr = self.config.rates.of_step(self.step, self.config.steps);
+        let skipped = !(loss.is_finite() && gradient.is_finite());
+        if skipped {
+            self.skipped += 1;
+        } else {
+            let factor = (f64::from(self.config.rates.clip) / gradient).min(1.0) as f32;
+            sum.iter_mut().for_each(|g| *g *= factor);
+            self.adam.update(&mut self.weights.values, &sum, lr);
+        }
+        self.step += 1;
+        let seconds = begin.elapsed().as_secs_f64();
+        Ok(DepthRecord { step: self.step, loss, lr, gradient, seconds, skipped })
+    }
+
+    /// The `index`-th crop of the run.
+    fn crop(&self, index: usize) -> Crop {
+        let draw = |stream, n: usize| (bits(self.config.seed, stream, index) % n as u64) as usize;
+        let case = &self.cases.views[draw(Stream::Case, self.cases.views.len())];
+        let (columns, rows) = case.blocks();
+        let (width, height) = (self.config.crop.0.min(columns), self.config.crop.1.min(rows));
+        let place = draw(Stream::Crop, (columns - width + 1) * (rows - height + 1));
+        let corner = (place % (columns - width + 1), place / (columns - width + 1));
+        case.crop(corner, (width, height), draw(Stream::Mirror, 2) == 1)
+    }
+
+    /// How good the depth of these views is with the network, and by stereo alone.
+    ///
+    /// # Errors
+    /// If the weights are not finite.
+    pub fn validate(&self, cases: &DepthCases) -> Result<[DepthScore; 2]> {
+        score(&DepthNetwork::new(&self.weights)?, cases)
+    }
+}
+
+/// How good the depth of these views is with a network, and by stereo alone.
+fn score(network: &DepthNetwork, cases: &DepthCases) -> Result<[DepthScore; 2]> {
+    let found: Vec<_> = cases
+        .views
+        .par_iter()
+        .map(|case| {
+            let Crop { inputs, exact } = case.whole();
+            let decoded = network.run(&inputs);
+            let exact: Vec<f32> = exact.iter().map(|&steps| inputs.depth_of(steps)).collect();
+            let depth = |inverse: Vec<f32>| inverse.into_iter().map(|w| 1.0 / w).collect::<Vec<f32>>();
+            let own = inputs.stereo().iter().map(|&steps| 1.0 / inputs.depth_of(steps));
+            let own: Vec<(f32, f32)> = own.zip(inputs.stereo_confidence()).collect();
+            let learned = inputs.join(&decoded, own.iter().copied());
+            let stereo: (Vec<f32>, Vec<f32>) = own.into_iter().unzip();
+            (exact, inputs.size().0, (depth(learned.0), learned.1), (depth(stereo.0), stereo.1))
+        })
+        .collect();
+    let [mut learned, mut stereo] = [Collected::default(), Collected::default()];
+    for (exact, width, by_network, by_stereo) in found {
+        learned.add(&exact, &by_network.0, &by_network.1, width);
+        stereo.add(&exact, &by_stereo.0, &by_stereo.1, width);
+    }
+    Ok([learned.score(), stereo.score()])
+}
+
+#[cfg(test)]
+#[path = "trainer_tests.rs"]
+mod tests;
