@@ -10,6 +10,7 @@ mod checkpoints;
 mod convert;
 mod datasets;
 mod demo;
+mod depth_source;
 mod device;
 mod doctor;
 mod driver;

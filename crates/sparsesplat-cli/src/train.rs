@@ -1,7 +1,8 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, DepthSource, Device, LpipsWeights, positive, scenes, size};
+use crate::arguments::{Common, Device, LpipsWeights, positive, scenes, size};
 use crate::datasets::Dataset;
+use crate::depth_source::DepthSource;
 use crate::device::{self, UsedDevice};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::given::Given;
