@@ -4,9 +4,9 @@ use crate::adam::{Adam, length};
 use crate::checkpoint::{self, Progress};
 use crate::disturb::disturbed;
 use crate::draw::{Stream, bits, some, unit};
-use crate::loss::Loss;
+use crate::loss::{Loss, clipped_mse};
 use crate::net::Net;
-use crate::ops::{Compare, Decode, Render, values};
+use crate::ops::{Decode, Render, lock, values};
 use crate::recolour::recoloured;
 use crate::{Case, Cases, Config, Error, Result};
 use attn_head::{LAST_LAYER, Layout, OUTPUTS, Weights};
@@ -19,7 +19,7 @@ use sparsesplat::learned::{BY_DIRECTION, FEATURES, geometry_features, image_feat
 use sparsesplat::{Anchored, Budget, Stages, anchor};
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 /// A training run.
@@ -175,8 +175,7 @@ impl Trainer {
     }
 
     fn device(&self) -> String {
-        let rasterizer = self.rasterizer.lock().unwrap_or_else(PoisonError::into_inner);
-        rasterizer.adapter().map_or_else(|| "CPU".to_owned(), |adapter| adapter.name.clone())
+        lock(&self.rasterizer).adapter().map_or_else(|| "CPU".to_owned(), |adapter| adapter.name.clone())
     }
 
     /// Goes on where a checkpoint was written.
@@ -306,7 +305,7 @@ impl Trainer {
             Decode { decoder: Arc::new(anchored.decoder()), shell: Arc::new(anchored.shell.clone()) };
         let gaussians = outputs.apply_op1(decode)?;
         let mut total: Option<Tensor> = None;
-        let mut compared = Vec::new();
+        let mut mse = Vec::new();
         for view in &views {
             let render = Render {
                 rasterizer: Arc::clone(&self.rasterizer),
@@ -314,15 +313,13 @@ impl Trainer {
                 settings: settings(&anchored, view),
                 tape: Mutex::default(),
             };
-            let found = Arc::new(Mutex::new(None));
-            let loss = Arc::new(Loss::new(view, self.config.lambda, self.lpips.as_ref())?);
-            let loss =
-                gaussians.apply_op1(render)?.apply_op1(Compare { loss, compared: Arc::clone(&found) })?;
+            let picture = gaussians.apply_op1(render)?;
+            mse.push(clipped_mse(&values(&picture)?, view));
+            let loss = Loss::new(view, self.config.lambda, self.lpips.as_ref())?.of(&picture)?;
             total = Some(match total {
                 None => loss,
                 Some(total) => (total + loss)?,
             });
-            compared.push(found);
         }
         let Some(total) = total else { return Err(Error::NoTargets { window: case.name }) };
         let loss = ((total / views.len() as f64)? + by_direction)?;
@@ -335,10 +332,7 @@ impl Trainer {
         } else {
             vec![f32::NAN; self.weights.len()]
         };
-        let mse = compared.iter().filter_map(|found| {
-            found.lock().ok().and_then(|found| found.as_ref().map(|compared| compared.clipped_mse))
-        });
-        Ok(Pass { loss: value, clipped_mse: mse.collect(), gaussians: anchored.counts.total, gradient })
+        Ok(Pass { loss: value, clipped_mse: mse, gaussians: anchored.counts.total, gradient })
     }
 
     fn anchored(&self, case: &Case, density: f64, seed: u64) -> Result<Anchored> {
@@ -372,18 +366,14 @@ impl Trainer {
             let mut closed = anchored.base.clone();
             closed.append(&anchored.shell);
             for view in &case.targets {
-                let loss = Loss::new(view, 0.0, None)?;
                 let mut pictures = [Vec::new(), Vec::new()];
                 for ((scene, sum), picture) in
                     [&learned, &closed].into_iter().zip(&mut sums).zip(&mut pictures)
                 {
-                    let mut rasterizer =
-                        self.rasterizer.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-                    let rendering = rasterizer.render(scene, view.camera(), &settings(&anchored, view))?;
-                    let compared = loss.compare(rendering.image.data());
-                    let compared =
-                        compared.map_err(|source| Error::Metric { view: view.name().to_owned(), source })?;
-                    *sum += decibel(compared.clipped_mse) / (case.targets.len() * cases.len()) as f64;
+                    let rendering =
+                        lock(&self.rasterizer).render(scene, view.camera(), &settings(&anchored, view))?;
+                    let mse = clipped_mse(rendering.image.data(), view);
+                    *sum += decibel(mse) / (case.targets.len() * cases.len()) as f64;
                     *picture = rendering.image.data().to_vec();
                 }
                 let [learned, closed_form] = &pictures;
