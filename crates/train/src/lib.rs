@@ -10,6 +10,7 @@ mod error;
 mod loss;
 mod net;
 mod ops;
+mod ranks;
 mod recolour;
 mod trainer;
 
@@ -17,4 +18,5 @@ pub use adam::Rates;
 pub use cases::{Case, Cases};
 pub use config::Config;
 pub use error::{Error, Result};
+pub use ranks::Ranks;
 pub use trainer::{Look, Record, Score, Trainer};
