@@ -20,6 +20,7 @@ mod output;
 mod paper;
 mod poses;
 mod progress;
+mod ranks;
 mod reconstruct;
 mod render;
 mod simulate;

@@ -7,6 +7,7 @@ use crate::failure::{Failure, OrFail, Outcome};
 use crate::given::Given;
 use crate::output::{self, Outputs};
 use crate::progress::Progress;
+use crate::ranks::on_ranks;
 use crate::source::{files_of, in_the_wild, simulated};
 use crate::summary::{print_line, warn};
 use anyhow::Context;
@@ -23,8 +24,9 @@ use std::fs;
 use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
-use train::{Cases, Config, Look, Score, Trainer};
+use train::{Cases, Config, Look, Ranks, Score, Trainer};
 
 /// Train a head on a frozen backbone through the differentiable renderer
 ///
@@ -139,6 +141,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         print_line(&ron::ser::to_string_pretty(&config, ron::ser::PrettyConfig::default()).or_work()?);
         return Ok(());
     }
+    on_ranks(|ranks| run_on(ranks, config, arguments, common))
+}
+
+fn run_on(ranks: &Arc<Ranks>, config: Config, arguments: &Arguments, common: &Common) -> Outcome {
     let named = arguments.config.iter().chain(&arguments.from).map(PathBuf::as_path);
     let outputs = Outputs::of(common);
     outputs.spare(named.chain(arguments.lpips.paths()).chain(arguments.data.source.files()))?;
@@ -146,27 +152,28 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let data = &arguments.data;
     let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
     data.keep_unseen(&held_out, "validated")?;
-    let mut run = Run::begin(folder, arguments.save_every, arguments.resume)?;
+    let mut run = Run::begin(folder, arguments.save_every, arguments.resume, ranks)?;
     let plans = data.plans(&common.given)?;
     outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
-    let cases = data.cases(&plans)?;
-    let validation = data.cases(&simulated(held_out, data.size))?;
+    let cases = ranks.first_before_others(|| data.cases(&plans))?;
+    let validation = ranks.is_first().then(|| data.cases(&simulated(held_out, data.size))).transpose()?;
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
     let (windows, data_sha256) = (cases.len(), cases.sha256().to_owned());
     let rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
-    let mut trainer = Trainer::new(config, cases, rasterizer).or_work()?;
+    let mut trainer =
+        Trainer::new(config, cases, rasterizer).or_work()?.on_ranks(Arc::clone(ranks)).or_input()?;
     if let Some(lpips) = arguments.lpips.read()? {
         trainer = trainer.with_lpips(lpips);
     }
     let earlier =
         arguments.from.iter().map(|path| Ok((path.display().to_string(), Weights::read(path).or_input()?)));
     trainer.start_from(&earlier.collect::<Outcome<Vec<_>>>()?).or_input()?;
-    run.validation = Some((&validation, arguments.validate_every));
+    run.validation = validation.as_ref().map(|cases| (cases, arguments.validate_every));
     let begin = Instant::now();
     run.complete(&mut trainer)?;
     let (steps, skipped, seconds) = (trainer.steps(), trainer.skipped(), begin.elapsed().as_secs_f64());
-    if let Some(path) = &common.json {
+    if let Some(path) = common.json.as_ref().filter(|_| ranks.is_first()) {
         let record = Record {
             recipe: crate::recipe(trainer.config().seed, trainer.config()),
             steps,
@@ -192,13 +199,16 @@ pub(crate) struct Run<'a> {
     /// Held-out windows, and the steps between two looks at them.
     validation: Option<(&'a Cases, usize)>,
     save_every: usize,
-    /// Keeps other processes out of the folder.
-    _lock: fs::File,
+    /// Keeps other runs out of the folder. Held by the first rank, which is the only one that writes there.
+    lock: Option<fs::File>,
 }
 
 impl<'a> Run<'a> {
-    /// Takes a folder, which is made, for this process alone. A run that is there already is gone on with only if that is wanted.
-    pub(crate) fn begin(folder: &'a Path, save_every: usize, resume: bool) -> Outcome<Self> {
+    /// Takes a folder, which is made, for this run alone. A run that is there already is gone on with only if that is wanted.
+    pub(crate) fn begin(folder: &'a Path, save_every: usize, resume: bool, ranks: &Ranks) -> Outcome<Self> {
+        if !ranks.is_first() {
+            return Ok(Self { folder, validation: None, save_every, lock: None });
+        }
         output::check_folder(folder)?;
         let path = folder.join("run.lock");
         let lock = lock_file(&path).with_context(|| format!("{}: cannot lock", path.display())).or_work()?;
@@ -208,7 +218,7 @@ impl<'a> Run<'a> {
                 folder.display()
             )));
         };
-        let run = Self { folder, validation: None, save_every, _lock: lock };
+        let run = Self { folder, validation: None, save_every, lock: Some(lock) };
         let checkpoint = run.checkpoint();
         if !resume && checkpoint.exists() {
             return Err(Failure::input(format!(
@@ -232,7 +242,7 @@ impl<'a> Run<'a> {
         self.folder.join("checkpoint.safetensors")
     }
 
-    /// All steps that are left.
+    /// All steps that are left. The first rank writes and validates, while the others wait for its part of the next step.
     pub(crate) fn complete(&self, trainer: &mut Trainer) -> Outcome {
         let checkpoint = self.checkpoint();
         let begun = checkpoint.exists();
@@ -241,6 +251,12 @@ impl<'a> Run<'a> {
             print_line(&format!("resumed    after step {}", trainer.steps()));
         }
         let config = trainer.config().clone();
+        if self.lock.is_none() {
+            while trainer.steps() < config.steps {
+                trainer.step().or_work()?;
+            }
+            return Ok(());
+        }
         let recipe = crate::recipe(config.seed, config.clone());
         let mut log = Log::open(&self.log(), trainer.steps(), &recipe)?;
         let progress = Progress::new(config.steps);
