@@ -5,6 +5,7 @@
 mod browser;
 mod consumer;
 mod formats;
+mod mpi;
 mod python;
 mod run;
 mod sets;
@@ -46,6 +47,7 @@ Checks for developers:
                reports in a real browser (Chromium): plots, pictures, sliders, console; without a page it makes them first, and
                checks the viewer: frames against gs-raster and gs-reference, controls, times
   format-test  scene files of another program (splat-transform, from npm) against ours, both ways
+  mpi-test     training on several processes of MPI against one; needs OpenMPI
   python-test [--torch] [ARGUMENTS OF PYTEST]
                the Python module: wheel, fresh environment, pytest, and with torch its example
   shader NAME  a shader as it is compiled; without a name it lists them
@@ -85,6 +87,7 @@ fn main() -> ExitCode {
         Some("test") => test::run(root, &rest),
         Some("browser-test") => browser::run(root, &rest, |folder| pages(root, folder)),
         Some("format-test") => formats::run(root),
+        Some("mpi-test") => mpi::run(root),
         Some("python-test") => python::run(root, &rest),
         Some("shader") => run::exit_code(cargo(SHADER).args(rest).current_dir(root).status()),
         Some("tidy") => run::all(root, &[TIDY]),

@@ -66,14 +66,14 @@ fn all_built(root: &Path) -> io::Result<Vec<Built>> {
 
 /// An executable, and the folder of its crate.
 #[derive(Debug, PartialEq)]
-struct Built {
-    folder: PathBuf,
-    executable: PathBuf,
-    is_test: bool,
+pub(crate) struct Built {
+    pub(crate) folder: PathBuf,
+    pub(crate) executable: PathBuf,
+    pub(crate) is_test: bool,
 }
 
 /// The test or the binary that a line of cargo's JSON names. Examples are built as well, but are neither.
-fn built_by(line: &str) -> Option<Built> {
+pub(crate) fn built_by(line: &str) -> Option<Built> {
     let text = |key: &str| {
         let (_, rest) = line.split_once(&format!("\"{key}\":\""))?;
         Some(rest.split_once('"')?.0)

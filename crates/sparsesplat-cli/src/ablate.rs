@@ -15,7 +15,7 @@ use scene_windows::{Dropped, GeometryCache, Plan, Reading, Windows};
 use serde::Serialize;
 use sparsesplat::{Allocation, Budget, Head};
 use std::path::PathBuf;
-use train::{Config, Trainer};
+use train::{Config, Ranks, Trainer};
 
 /// Repeat the paper's ablations: train every row alike and measure it on unseen views
 ///
@@ -208,7 +208,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             let allocation = serde_json::to_value(config.allocation).or_work()?;
             let name = format!("{}-{}-k{}-seed{seed}", text(&head), text(&allocation), config.neighbours);
             let folder = arguments.output.join(name);
-            let run = Run::begin(&folder, SAVE_EVERY, true)?;
+            let run = Run::begin(&folder, SAVE_EVERY, true, &Ranks::alone())?;
             print_line(&format!("training   {} (seed {seed}), {} steps", row.name, config.steps));
             let mut trainer =
                 Trainer::new(config.clone(), cases.clone(), device::rasterizer(common.device)?).or_work()?;

@@ -17,8 +17,19 @@ pub(crate) fn leave_standard_output() {
     TAKEN.get_or_init(|| ());
 }
 
+/// Set where only errors are said.
+static ONLY_ERRORS: OnceLock<()> = OnceLock::new();
+
+/// From here on, [`print`] and [`warn`] say nothing: another rank of the same run does.
+pub(crate) fn say_errors_only() {
+    ONLY_ERRORS.get_or_init(|| ());
+}
+
 /// Prints text. That it could not be printed is told by [`finish`].
 pub(crate) fn print(text: &str) {
+    if ONLY_ERRORS.get().is_some() {
+        return;
+    }
     if TAKEN.get().is_some() {
         tell(text);
     } else if let Err(error) = io::stdout().write_all(readable(text).as_bytes()) {
@@ -56,7 +67,9 @@ fn shortened(line: &str) -> String {
 
 /// Something that must not be overlooked.
 pub(crate) fn warn(what: &str) {
-    tell(&format!("warning: {what}\n"));
+    if ONLY_ERRORS.get().is_none() {
+        tell(&format!("warning: {what}\n"));
+    }
 }
 
 /// Whether all that was printed has arrived. A reader that has gone away (`| head`) is no error.

@@ -8,13 +8,15 @@ use crate::failure::{Failure, OrFail, Outcome};
 use crate::given::Given;
 use crate::output::{self, Outputs};
 use crate::progress::Progress;
+use crate::ranks::on_ranks;
 use crate::source::{files_of, in_the_wild, simulated};
 use crate::summary::{print_line, warn};
+use crate::train_folder::{Folder, Log, lines_of};
 use anyhow::Context;
 use attn_head::Weights;
 use clap::Args;
 use evaluate::{Recipe, peak_rss_bytes};
-use gs_scene::{Image, lock_file};
+use gs_scene::Image;
 use report::training_plot;
 use report_parts::Picture;
 use scene_windows::{Plan, Reading, Windows};
@@ -22,11 +24,11 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sparsesplat::Predictor;
 use std::fs;
-use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
-use train::{Cases, Config, Look, Score, Trainer};
+use train::{Cases, Config, Look, Ranks, Score, Trainer};
 
 /// Train a head on a frozen backbone through the differentiable renderer
 ///
@@ -141,6 +143,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         print_line(&ron::ser::to_string_pretty(&config, ron::ser::PrettyConfig::default()).or_work()?);
         return Ok(());
     }
+    on_ranks(|ranks| run_on(ranks, config, arguments, common))
+}
+
+fn run_on(ranks: &Arc<Ranks>, config: Config, arguments: &Arguments, common: &Common) -> Outcome {
     let named = arguments.config.iter().chain(&arguments.from).map(PathBuf::as_path);
     let outputs = Outputs::of(common);
     outputs.spare(named.chain(arguments.lpips.paths()).chain(arguments.data.source.files()))?;
@@ -148,27 +154,28 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let data = &arguments.data;
     let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
     data.keep_unseen(&held_out, "validated")?;
-    let mut run = Run::begin(folder, arguments.save_every, arguments.resume)?;
+    let mut run = Run::begin(folder, arguments.save_every, arguments.resume, ranks)?;
     let plans = data.plans(&common.given)?;
     outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
-    let cases = data.cases(&plans)?;
-    let validation = data.cases(&simulated(held_out, data.size))?;
+    let cases = ranks.first_before_others(|| data.cases(&plans))?;
+    let validation = ranks.is_first().then(|| data.cases(&simulated(held_out, data.size))).transpose()?;
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
     let (windows, data_sha256) = (cases.len(), cases.sha256().to_owned());
     let rasterizer = device::rasterizer(common.device)?;
     let device = UsedDevice::of(&rasterizer);
-    let mut trainer = Trainer::new(config, cases, rasterizer).or_work()?;
+    let mut trainer =
+        Trainer::new(config, cases, rasterizer).or_work()?.on_ranks(Arc::clone(ranks)).or_input()?;
     if let Some(lpips) = arguments.lpips.read()? {
         trainer = trainer.with_lpips(lpips);
     }
     let earlier =
         arguments.from.iter().map(|path| Ok((path.display().to_string(), Weights::read(path).or_input()?)));
     trainer.start_from(&earlier.collect::<Outcome<Vec<_>>>()?).or_input()?;
-    run.validation = Some((&validation, arguments.validate_every));
+    run.validation = validation.as_ref().map(|cases| (cases, arguments.validate_every));
     let begin = Instant::now();
     run.complete(&mut trainer)?;
     let (steps, skipped, seconds) = (trainer.steps(), trainer.skipped(), begin.elapsed().as_secs_f64());
-    if let Some(path) = &common.json {
+    if let Some(path) = common.json.as_ref().filter(|_| ranks.is_first()) {
         let record = Record {
             recipe: crate::recipe(trainer.config().seed, trainer.config()),
             steps,
@@ -188,50 +195,6 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     Ok(())
 }
 
-/// Where a run keeps its files.
-pub(crate) struct Folder {
-    path: PathBuf,
-    /// Keeps other processes out of the folder.
-    _lock: fs::File,
-}
-
-impl Folder {
-    /// Takes a folder, which is made, for this process alone. A run that is there already is gone on with only if that is wanted.
-    pub(crate) fn begin(path: &Path, resume: bool) -> Outcome<Self> {
-        output::check_folder(path)?;
-        let file = path.join("run.lock");
-        let lock = lock_file(&file).with_context(|| format!("{}: cannot lock", file.display())).or_work()?;
-        let Some(lock) = lock else {
-            return Err(Failure::input(format!(
-                "{}: another process is training in this folder: let it finish, or give another folder",
-                path.display()
-            )));
-        };
-        let folder = Self { path: path.to_owned(), _lock: lock };
-        let checkpoint = folder.checkpoint();
-        if !resume && checkpoint.exists() {
-            return Err(Failure::input(format!(
-                "{}: a run is there already: --resume goes on with it, another --output begins anew",
-                checkpoint.display()
-            )));
-        }
-        Ok(folder)
-    }
-
-    /// The weights.
-    pub(crate) fn weights(&self) -> PathBuf {
-        self.path.join("weights.safetensors")
-    }
-
-    pub(crate) fn log(&self) -> PathBuf {
-        self.path.join("log.jsonl")
-    }
-
-    pub(crate) fn checkpoint(&self) -> PathBuf {
-        self.path.join("checkpoint.safetensors")
-    }
-}
-
 /// A run in its folder, and how often it looks up.
 pub(crate) struct Run<'a> {
     folder: Folder,
@@ -241,9 +204,11 @@ pub(crate) struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Takes a folder, as [`Folder::begin`] does.
-    pub(crate) fn begin(folder: &Path, save_every: usize, resume: bool) -> Outcome<Self> {
-        Ok(Self { folder: Folder::begin(folder, resume)?, validation: None, save_every })
+    /// Takes a folder, as [`Folder::begin`] does, for the first rank, which is the only one that writes there.
+    pub(crate) fn begin(folder: &Path, save_every: usize, resume: bool, ranks: &Ranks) -> Outcome<Self> {
+        let folder =
+            if ranks.is_first() { Folder::begin(folder, resume)? } else { Folder::of_another(folder) };
+        Ok(Self { folder, validation: None, save_every })
     }
 
     /// The weights.
@@ -251,7 +216,7 @@ impl Run<'_> {
         self.folder.weights()
     }
 
-    /// All steps that are left.
+    /// All steps that are left. The first rank writes and validates, while the others wait for its part of the next step.
     pub(crate) fn complete(&self, trainer: &mut Trainer) -> Outcome {
         let checkpoint = self.folder.checkpoint();
         let begun = checkpoint.exists();
@@ -260,6 +225,12 @@ impl Run<'_> {
             print_line(&format!("resumed    after step {}", trainer.steps()));
         }
         let config = trainer.config().clone();
+        if !self.folder.is_ours() {
+            while trainer.steps() < config.steps {
+                trainer.step().or_work()?;
+            }
+            return Ok(());
+        }
         let recipe = crate::recipe(config.seed, config.clone());
         let mut log = Log::open(&self.folder.log(), trainer.steps(), &recipe)?;
         let progress = Progress::new(config.steps);
@@ -295,7 +266,7 @@ impl Run<'_> {
     fn validate(&self, trainer: &Trainer, log: &mut Log, progress: &Progress) -> Outcome {
         let Some((cases, _)) = self.validation else { return Ok(()) };
         let step = trainer.steps();
-        let scores = validate(trainer, cases, &self.folder.path)?;
+        let scores = validate(trainer, cases, self.folder.path())?;
         let line = scores.iter().map(|score| {
             let Score { density, psnr, psnr_closed_form } = score;
             format!("{density}: {psnr:.2} dB ({:+.2})", psnr - psnr_closed_form)
@@ -309,7 +280,7 @@ impl Run<'_> {
         log.flush()?;
         trainer.save(&self.folder.checkpoint()).or_work()?;
         trainer.weights().write(self.weights()).or_work()?;
-        output::write_text(&self.folder.path.join("curve.svg"), &log.curve()?)
+        output::write_text(&self.folder.path().join("curve.svg"), &curve(&self.folder.log())?)
     }
 }
 
@@ -413,13 +384,6 @@ fn last_validation(log: &Path) -> Outcome<Option<serde_json::Value>> {
     Ok(last.map(serde_json::Value::take))
 }
 
-/// The lines of a log.
-fn lines_of(path: &Path) -> Outcome<Vec<serde_json::Value>> {
-    let text =
-        fs::read_to_string(path).with_context(|| format!("{}: cannot read", path.display())).or_work()?;
-    text.lines().map(serde_json::from_str).collect::<Result<_, _>>().or_work()
-}
-
 /// Scores at all densities; pictures at the first: photograph, head and closed form, one row per scene.
 fn validate(trainer: &Trainer, cases: &Cases, folder: &Path) -> Outcome<Vec<Score>> {
     let mut rows: Vec<(String, Image)> = Vec::new();
@@ -455,57 +419,19 @@ fn side_by_side(look: Look) -> Image {
     Image::new(3 * width, height, data).expect("three pictures of one size")
 }
 
-/// The log: a recipe, then a line per step and validation.
-pub(crate) struct Log(fs::File, PathBuf);
-
-impl Log {
-    /// Opens the log of a run that has done `steps`; lines of later steps, which a killed run may have left, go.
-    pub(crate) fn open(path: &Path, steps: usize, recipe: &impl Serialize) -> Outcome<Self> {
-        let kept = if steps == 0 { None } else { fs::read_to_string(path).ok() };
-        let text = match kept {
-            Some(text) => {
-                let step = |line: &str| {
-                    let value = serde_json::from_str::<serde_json::Value>(line).ok()?;
-                    Some(value.get("step").and_then(serde_json::Value::as_u64).unwrap_or(0) as usize)
-                };
-                let lines = text.lines().filter(|line| step(line).is_some_and(|step| step <= steps));
-                lines.map(|line| format!("{line}\n")).collect()
-            }
-            None => serde_json::to_string(&serde_json::json!({ "recipe": recipe })).or_work()? + "\n",
+/// What a log holds so far, as a plot.
+fn curve(log: &Path) -> Outcome<String> {
+    let lines = lines_of(log)?;
+    let number = |value: &serde_json::Value, key: &str| value.get(key).and_then(serde_json::Value::as_f64);
+    let steps = lines.iter().filter_map(|line| Some((number(line, "step")?, number(line, "loss")?)));
+    let mut curves = vec![];
+    for density in DENSITIES {
+        let gain = |line: &serde_json::Value| {
+            let scores = line.get("validation")?.as_array()?;
+            let score = scores.iter().find(|score| number(score, "density") == Some(density))?;
+            Some((number(line, "step")?, number(score, "psnr")? - number(score, "psnr_closed_form")?))
         };
-        output::write_text(path, &text)?;
-        let cannot = || format!("{}: cannot write", path.display());
-        let file = fs::OpenOptions::new().append(true).open(path).with_context(cannot).or_work()?;
-        Ok(Self(file, path.to_path_buf()))
+        curves.push((format!("density {density}"), lines.iter().filter_map(gain).collect()));
     }
-
-    pub(crate) fn write(&mut self, value: &impl Serialize) -> Outcome {
-        let line = serde_json::to_string(value).or_work()? + "\n";
-        self.0
-            .write_all(line.as_bytes())
-            .with_context(|| format!("{}: cannot write", self.1.display()))
-            .or_work()
-    }
-
-    /// What is logged so far as a plot.
-    fn curve(&self) -> Outcome<String> {
-        let lines = lines_of(&self.1)?;
-        let number =
-            |value: &serde_json::Value, key: &str| value.get(key).and_then(serde_json::Value::as_f64);
-        let steps = lines.iter().filter_map(|line| Some((number(line, "step")?, number(line, "loss")?)));
-        let mut curves = vec![];
-        for density in DENSITIES {
-            let gain = |line: &serde_json::Value| {
-                let scores = line.get("validation")?.as_array()?;
-                let score = scores.iter().find(|score| number(score, "density") == Some(density))?;
-                Some((number(line, "step")?, number(score, "psnr")? - number(score, "psnr_closed_form")?))
-            };
-            curves.push((format!("density {density}"), lines.iter().filter_map(gain).collect()));
-        }
-        Ok(training_plot(&steps.collect::<Vec<_>>(), &curves))
-    }
-
-    pub(crate) fn flush(&mut self) -> Outcome {
-        self.0.sync_data().with_context(|| format!("{}: cannot write", self.1.display())).or_work()
-    }
+    Ok(training_plot(&steps.collect::<Vec<_>>(), &curves))
 }

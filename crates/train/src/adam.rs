@@ -53,7 +53,8 @@ impl Rates {
     }
 }
 
-/// Running means of gradients and of their squares.
+/// Running means of gradients and of their squares. Not candle-nn's `AdamW`: its moments and its count of steps are private, so a run
+/// could not be resumed.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Adam {
     pub(crate) first: Vec<f32>,

@@ -5,6 +5,7 @@ use crate::adam::Adam;
 use crate::{Config, Error, Result};
 use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use std::path::Path;
 use tensor_files::{Kept, KeptFault, singles, write_kept};
 
@@ -36,6 +37,16 @@ pub(crate) fn write(path: &Path, progress: &Progress, weights: &[f32], adam: &Ad
     let tensors = [tensor("weights", weights), tensor("first", &adam.first), tensor("second", &adam.second)];
     write_kept(path, KIND, progress, &tensors)
         .map_err(|source| Error::Checkpoint { path: path.to_path_buf(), source })
+}
+
+/// Differs, all but certainly, where what a checkpoint would hold differs.
+pub(crate) fn digest(progress: &Progress, weights: &[f32], adam: &Adam) -> u64 {
+    let mut hash = Sha256::new();
+    hash.update(format!("{progress:?}"));
+    for values in [weights, &adam.first, &adam.second] {
+        values.iter().for_each(|value| hash.update(value.to_le_bytes()));
+    }
+    hash.finalize().first_chunk().map_or(0, |start| u64::from_le_bytes(*start))
 }
 
 /// A checkpoint of a run with these weights' length.

@@ -64,6 +64,23 @@ pub enum Error {
         /// The head that the weights are of.
         found: String,
     },
+    /// Ranks that would have nothing to do.
+    #[error("{ranks} ranks for a batch of {batch}: start at most {batch} ranks, or set a larger batch")]
+    IdleRanks {
+        /// Number of ranks.
+        ranks: usize,
+        /// Windows per step.
+        batch: usize,
+    },
+    /// The ranks have begun different runs.
+    #[error(
+        "the ranks differ in settings, data, device or checkpoint: all need the same arguments and program, and folders that they share"
+    )]
+    RanksDiffer,
+    /// MPI cannot be started twice in a process.
+    #[cfg(feature = "mpi")]
+    #[error("MPI was started in this process before")]
+    MpiAlreadyStarted,
     /// Windows cannot be loaded.
     #[error(transparent)]
     Windows(Box<scene_windows::Error>),

@@ -11,6 +11,7 @@ mod error;
 mod loss;
 mod net;
 mod ops;
+mod ranks;
 mod recolour;
 mod trainer;
 
@@ -18,4 +19,5 @@ pub use adam::Rates;
 pub use cases::{Case, Cases};
 pub use config::Config;
 pub use error::{Error, Result};
+pub use ranks::Ranks;
 pub use trainer::{Look, Record, Score, Trainer};

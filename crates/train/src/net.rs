@@ -20,7 +20,8 @@ impl Net {
         self.config
     }
 
-    /// Outputs `[n, 38]`, differentiable by `weights`, the numbers of all tensors one after the other.
+    /// Outputs `[n, 38]`, differentiable by `weights`, the numbers of all tensors one after the other: in a `VarMap` the tensors would
+    /// have no order, and the length of their gradient would depend on it.
     pub(crate) fn outputs(&self, weights: &Tensor, inputs: HeadInputs) -> Result<Tensor> {
         if self.config.kind == Kind::Attention {
             let of = |values: Vec<f32>, width| Tensor::from_vec(values, (inputs.n, width), &Device::Cpu);

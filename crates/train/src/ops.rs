@@ -1,7 +1,6 @@
-//! The differentiable chain after the head, as operations of candle: outputs to Gaussians, Gaussians to a picture,
-//! picture to a loss.
+//! The differentiable chain after the head, as operations of candle: outputs to Gaussians, Gaussians to a picture. The loss of a
+//! picture follows in `loss`.
 
-use crate::loss::{Compared, Loss};
 use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, bail};
 use gs_raster::{PixelGradients, Rasterizer, RenderSettings, Tape};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
@@ -14,7 +13,7 @@ const DEGREE: usize = 2;
 const ROW: usize = Gaussians::GEOMETRY + sh_coefficients(DEGREE) * 3;
 
 /// Numbers of a contiguous f32 tensor on the CPU.
-fn numbers<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
+pub(crate) fn numbers<'a>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [f32]> {
     let CpuStorage::F32(values) = storage else { bail!("f32 is wanted") };
     match layout.contiguous_offsets() {
         Some((from, to)) => Ok(&values[from..to]),
@@ -27,7 +26,7 @@ pub(crate) fn values(tensor: &Tensor) -> Result<Vec<f32>> {
     tensor.flatten_all()?.to_vec1()
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     // What a panicking thread left is not used again: each pass writes before it reads.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -111,32 +110,5 @@ impl CustomOp1 for Render {
         let by_rows: Vec<f32> =
             by_geometry.zip(by_sh).flat_map(|(g, s)| g.iter().chain(s)).copied().collect();
         Ok(Some(Tensor::from_vec(by_rows, rows.shape(), rows.device())?))
-    }
-}
-
-/// A picture to its loss against a photograph; what was found lies in `compared` afterwards.
-pub(crate) struct Compare {
-    pub(crate) loss: Arc<Loss>,
-    pub(crate) compared: Arc<Mutex<Option<Compared>>>,
-}
-
-impl CustomOp1 for Compare {
-    fn name(&self) -> &'static str {
-        "compare"
-    }
-
-    fn cpu_fwd(&self, storage: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
-        let compared = self.loss.compare(numbers(storage, layout)?).map_err(candle_core::Error::wrap)?;
-        let value = compared.loss as f32;
-        *lock(&self.compared) = Some(compared);
-        Ok((CpuStorage::F32(vec![value]), ().into()))
-    }
-
-    fn bwd(&self, picture: &Tensor, _: &Tensor, by_loss: &Tensor) -> Result<Option<Tensor>> {
-        let factor = by_loss.to_scalar::<f32>()?;
-        let compared = lock(&self.compared);
-        let Some(compared) = compared.as_ref() else { bail!("nothing was compared") };
-        let by_picture = compared.by_rendering.iter().map(|g| g * factor).collect();
-        Ok(Some(Tensor::from_vec(by_picture, picture.shape(), picture.device())?))
     }
 }

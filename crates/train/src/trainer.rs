@@ -4,11 +4,11 @@ use crate::adam::{Adam, length};
 use crate::checkpoint::{self, Progress};
 use crate::disturb::disturbed;
 use crate::draw::{Stream, bits, some, unit};
-use crate::loss::Loss;
+use crate::loss::{Loss, clipped_mse};
 use crate::net::Net;
-use crate::ops::{Compare, Decode, Render, values};
+use crate::ops::{Decode, Render, lock, values};
 use crate::recolour::recoloured;
-use crate::{Case, Cases, Config, Error, Result};
+use crate::{Case, Cases, Config, Error, Ranks, Result};
 use attn_head::{LAST_LAYER, Layout, OUTPUTS, Weights};
 use candle_core::{Device, Tensor, Var};
 use gs_raster::{Rasterizer, RenderSettings, near_plane};
@@ -19,7 +19,7 @@ use sparsesplat::learned::{BY_DIRECTION, FEATURES, geometry_features, image_feat
 use sparsesplat::{Anchored, Budget, Stages, anchor};
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 /// A training run.
@@ -35,6 +35,9 @@ pub struct Trainer {
     schema: String,
     lpips: Option<Lpips>,
     rasterizer: Arc<Mutex<Rasterizer>>,
+    ranks: Arc<Ranks>,
+    /// Whether the ranks are known to do the same.
+    agreed: bool,
 }
 
 /// What a step did.
@@ -116,6 +119,8 @@ impl Trainer {
             schema: schema.to_owned(),
             lpips: None,
             rasterizer: Arc::new(Mutex::new(rasterizer)),
+            ranks: Arc::new(Ranks::alone()),
+            agreed: false,
             config,
             cases,
         })
@@ -168,6 +173,19 @@ impl Trainer {
         Self { lpips: Some(lpips), ..self }
     }
 
+    /// Shares the windows of each step out among processes. All of them make the same trainer, call [`Trainer::step`] equally often, and
+    /// have the same weights after each step; up to rounding of sums in f64 these are those of one process.
+    ///
+    /// # Errors
+    /// If there are more ranks than windows per step.
+    pub fn on_ranks(self, ranks: Arc<Ranks>) -> Result<Self> {
+        let batch = self.config.batch;
+        if ranks.count() > batch {
+            return Err(Error::IdleRanks { ranks: ranks.count(), batch });
+        }
+        Ok(Self { ranks, agreed: false, ..self })
+    }
+
     fn structure(&self) -> String {
         self.lpips
             .as_ref()
@@ -175,8 +193,7 @@ impl Trainer {
     }
 
     fn device(&self) -> String {
-        let rasterizer = self.rasterizer.lock().unwrap_or_else(PoisonError::into_inner);
-        rasterizer.adapter().map_or_else(|| "CPU".to_owned(), |adapter| adapter.name.clone())
+        lock(&self.rasterizer).adapter().map_or_else(|| "CPU".to_owned(), |adapter| adapter.name.clone())
     }
 
     /// Goes on where a checkpoint was written.
@@ -201,6 +218,7 @@ impl Trainer {
         }
         (self.weights, self.adam) = (weights, adam);
         (self.step, self.skipped) = (progress.step, progress.skipped);
+        self.agreed = false;
         Ok(())
     }
 
@@ -209,7 +227,11 @@ impl Trainer {
     /// # Errors
     /// If it cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let progress = Progress {
+        checkpoint::write(path, &self.progress(), &self.weights, &self.adam)
+    }
+
+    fn progress(&self) -> Progress {
+        Progress {
             config: self.config.clone(),
             data: self.cases.sha256().to_owned(),
             structure: self.structure(),
@@ -217,8 +239,14 @@ impl Trainer {
             step: self.step,
             skipped: self.skipped,
             updates: self.adam.updates,
-        };
-        checkpoint::write(path, &progress, &self.weights, &self.adam)
+        }
+    }
+
+    /// That all ranks are at the same step of the same run.
+    fn agree(&mut self) -> Result<()> {
+        let state = checkpoint::digest(&self.progress(), &self.weights, &self.adam);
+        self.agreed = self.ranks.agree(state);
+        if self.agreed { Ok(()) } else { Err(Error::RanksDiffer) }
     }
 
     /// The settings.
@@ -249,31 +277,41 @@ impl Trainer {
     /// One step: passes over a batch of windows, one update.
     ///
     /// # Errors
-    /// If a case cannot be read, or a stage fails. A loss or gradient that is not finite is no error: the step is
-    /// skipped.
+    /// If a case cannot be read, or a stage fails. On several ranks the others then wait for this one until it calls [`Ranks::abort`].
+    /// Before the first step, if the ranks differ in what they are to do. A loss or gradient that is not finite is no error: the step is
+    /// skipped, on all ranks.
     pub fn step(&mut self) -> Result<Record> {
         let begin = Instant::now();
-        let mut sum = vec![0.0f32; self.weights.len()];
-        let (mut loss, mut gaussians, mut mse) = (0.0, 0.0, Vec::new());
-        for item in 0..self.config.batch {
-            let pass = self.pass(self.step * self.config.batch + item)?;
-            loss += pass.loss / self.config.batch as f64;
-            gaussians += pass.gaussians as f64 / self.config.batch as f64;
-            mse.extend(pass.clipped_mse);
-            sum.iter_mut().zip(&pass.gradient).for_each(|(sum, g)| *sum += g / self.config.batch as f32);
+        if !self.agreed {
+            self.agree()?;
         }
-        let gradient = length(&sum);
+        let (numbers, batch) = (self.weights.len(), self.config.batch);
+        // The gradient, then loss, Gaussians, PSNR and pictures. Sums of numbers of f32 in f64 are exact, unless they differ by eight orders
+        // of magnitude: it makes no difference how the passes are shared out.
+        let mut sums = vec![0.0f64; numbers + 4];
+        for item in (self.ranks.rank()..batch).step_by(self.ranks.count()) {
+            let pass = self.pass(self.step * batch + item)?;
+            let psnr = pass.clipped_mse.iter().map(|mse| decibel(*mse)).sum();
+            let figures = [pass.loss, pass.gaussians as f64, psnr, pass.clipped_mse.len() as f64];
+            let all = pass.gradient.iter().map(|g| f64::from(*g)).chain(figures);
+            sums.iter_mut().zip(all).for_each(|(sum, value)| *sum += value);
+        }
+        self.ranks.sum(&mut sums);
+        let mean = |sum: f64| sum / batch as f64;
+        let (loss, gaussians, psnr) =
+            (mean(sums[numbers]), mean(sums[numbers + 1]), sums[numbers + 2] / sums[numbers + 3]);
+        let mut gradients: Vec<f32> = sums[..numbers].iter().map(|sum| mean(*sum) as f32).collect();
+        let gradient = length(&gradients);
         let lr = self.config.rates.of_step(self.step, self.config.steps);
         let skipped = !(loss.is_finite() && gradient.is_finite());
         if skipped {
             self.skipped += 1;
         } else {
             let factor = (f64::from(self.config.rates.clip) / gradient).min(1.0) as f32;
-            sum.iter_mut().for_each(|g| *g *= factor);
-            self.adam.update(&mut self.weights, &sum, lr);
+            gradients.iter_mut().for_each(|g| *g *= factor);
+            self.adam.update(&mut self.weights, &gradients, lr);
         }
         self.step += 1;
-        let psnr = mse.iter().map(|mse| decibel(*mse)).sum::<f64>() / mse.len() as f64;
         let seconds = begin.elapsed().as_secs_f64();
         Ok(Record { step: self.step, loss, psnr, lr, gradient, gaussians, seconds, skipped })
     }
@@ -306,7 +344,7 @@ impl Trainer {
             Decode { decoder: Arc::new(anchored.decoder()), shell: Arc::new(anchored.shell.clone()) };
         let gaussians = outputs.apply_op1(decode)?;
         let mut total: Option<Tensor> = None;
-        let mut compared = Vec::new();
+        let mut mse = Vec::new();
         for view in &views {
             let render = Render {
                 rasterizer: Arc::clone(&self.rasterizer),
@@ -314,15 +352,13 @@ impl Trainer {
                 settings: settings(&anchored, view),
                 tape: Mutex::default(),
             };
-            let found = Arc::new(Mutex::new(None));
-            let loss = Arc::new(Loss::new(view, self.config.lambda, self.lpips.as_ref())?);
-            let loss =
-                gaussians.apply_op1(render)?.apply_op1(Compare { loss, compared: Arc::clone(&found) })?;
+            let picture = gaussians.apply_op1(render)?;
+            mse.push(clipped_mse(&values(&picture)?, view));
+            let loss = Loss::new(view, self.config.lambda, self.lpips.as_ref())?.of(&picture)?;
             total = Some(match total {
                 None => loss,
                 Some(total) => (total + loss)?,
             });
-            compared.push(found);
         }
         let Some(total) = total else { return Err(Error::NoTargets { window: case.name }) };
         let loss = ((total / views.len() as f64)? + by_direction)?;
@@ -335,10 +371,7 @@ impl Trainer {
         } else {
             vec![f32::NAN; self.weights.len()]
         };
-        let mse = compared.iter().filter_map(|found| {
-            found.lock().ok().and_then(|found| found.as_ref().map(|compared| compared.clipped_mse))
-        });
-        Ok(Pass { loss: value, clipped_mse: mse.collect(), gaussians: anchored.counts.total, gradient })
+        Ok(Pass { loss: value, clipped_mse: mse, gaussians: anchored.counts.total, gradient })
     }
 
     fn anchored(&self, case: &Case, density: f64, seed: u64) -> Result<Anchored> {
@@ -372,18 +405,14 @@ impl Trainer {
             let mut closed = anchored.base.clone();
             closed.append(&anchored.shell);
             for view in &case.targets {
-                let loss = Loss::new(view, 0.0, None)?;
                 let mut pictures = [Vec::new(), Vec::new()];
                 for ((scene, sum), picture) in
                     [&learned, &closed].into_iter().zip(&mut sums).zip(&mut pictures)
                 {
-                    let mut rasterizer =
-                        self.rasterizer.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-                    let rendering = rasterizer.render(scene, view.camera(), &settings(&anchored, view))?;
-                    let compared = loss.compare(rendering.image.data());
-                    let compared =
-                        compared.map_err(|source| Error::Metric { view: view.name().to_owned(), source })?;
-                    *sum += decibel(compared.clipped_mse) / (case.targets.len() * cases.len()) as f64;
+                    let rendering =
+                        lock(&self.rasterizer).render(scene, view.camera(), &settings(&anchored, view))?;
+                    let mse = clipped_mse(rendering.image.data(), view);
+                    *sum += decibel(mse) / (case.targets.len() * cases.len()) as f64;
                     *picture = rendering.image.data().to_vec();
                 }
                 let [learned, closed_form] = &pictures;

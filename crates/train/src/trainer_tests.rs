@@ -122,6 +122,87 @@ fn what_is_not_finite_is_skipped_and_counted() {
     assert_eq!((trainer.skipped(), trainer.steps(), trainer.adam.updates), (1, 2, 1));
 }
 
+/// On one process too; `cargo xtask mpi-test` runs this on two ranks.
+#[cfg(feature = "mpi")]
+#[test]
+fn what_is_not_finite_on_one_rank_is_skipped_on_all() {
+    let cache = tempfile::tempdir().unwrap();
+    let ranks = Arc::new(Ranks::of_mpi().unwrap());
+    let config = Config { density: [0.02, 0.02], batch: 2, ..Config::default() };
+    let mut trainer = trainer(config, cache.path()).on_ranks(Arc::clone(&ranks)).unwrap();
+    assert!(!trainer.step().unwrap().skipped);
+    let sound = trainer.weights.clone();
+    // Of the last rank alone.
+    if ranks.rank() + 1 == ranks.count() {
+        trainer.weights[7] = f32::NAN;
+    }
+    let record = trainer.step().unwrap();
+    assert!(record.skipped && !record.loss.is_finite() && trainer.skipped() == 1, "{record:?}");
+    let changed = trainer.weights.iter().zip(&sound).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
+    assert_eq!(changed, usize::from(ranks.rank() + 1 == ranks.count()));
+    trainer.weights = sound;
+    assert!(!trainer.step().unwrap().skipped);
+    trainer.agree().unwrap();
+    // Ranks that would not end with the same weights are told before their next step.
+    if ranks.count() > 1 {
+        trainer.adam.updates += ranks.rank();
+        trainer.agreed = false;
+        assert!(matches!(trainer.step(), Err(Error::RanksDiffer)));
+    }
+}
+
+#[test]
+fn weights_do_not_depend_on_the_number_of_ranks() {
+    let cache = tempfile::tempdir().unwrap();
+    let config = Config { density: [0.02, 0.03], neighbours: 4, batch: 3, ..Config::default() };
+    let trained = |count: usize| {
+        // One makes the files of the cache that the others read.
+        let trainers: Vec<Trainer> = Ranks::of_threads(count)
+            .into_iter()
+            .map(|ranks| trainer(config.clone(), cache.path()).on_ranks(Arc::new(ranks)).unwrap())
+            .collect();
+        std::thread::scope(|scope| {
+            let run = |mut trainer: Trainer| {
+                let records: Vec<Record> = (0..2).map(|_| trainer.step().unwrap()).collect();
+                let figures: Vec<_> = records.iter().map(|r| (r.loss, r.psnr, r.gaussians)).collect();
+                (trainer.weights, figures)
+            };
+            let threads: Vec<_> =
+                trainers.into_iter().map(|trainer| scope.spawn(move || run(trainer))).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect::<Vec<_>>()
+        })
+    };
+    let alone = trained(1).remove(0);
+    for count in [2, 3] {
+        for (rank, (weights, figures)) in trained(count).into_iter().enumerate() {
+            assert_eq!(weights, alone.0, "rank {rank} of {count}");
+            for (found, expected) in figures.iter().zip(&alone.1) {
+                let near = |a: f64, b: f64| (a - b).abs() <= 1e-12 * b.abs();
+                assert!(near(found.0, expected.0) && near(found.1, expected.1) && found.2 == expected.2);
+            }
+        }
+    }
+}
+
+#[test]
+fn ranks_that_do_different_things_are_told() {
+    let cache = tempfile::tempdir().unwrap();
+    let errors: Vec<_> = Ranks::of_threads(2)
+        .into_iter()
+        .map(|ranks| {
+            let config = Config { seed: ranks.rank() as u64, ..Config::default() };
+            trainer(config, cache.path()).on_ranks(Arc::new(ranks)).unwrap()
+        })
+        .map(|mut trainer| std::thread::spawn(move || trainer.step().unwrap_err()))
+        .collect();
+    for error in errors {
+        assert!(matches!(error.join().unwrap(), Error::RanksDiffer));
+    }
+    let many = Arc::new(Ranks::of_threads(3).remove(0));
+    let refused = trainer(Config::default(), cache.path()).on_ranks(many);
+    assert!(matches!(refused, Err(Error::IdleRanks { ranks: 3, batch: 2 })));
+}
+
 #[test]
 fn an_untrained_head_is_the_closed_form() {
     let cache = tempfile::tempdir().unwrap();

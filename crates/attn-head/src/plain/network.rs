@@ -1,16 +1,41 @@
 use super::TensorInputs;
-use super::blocks::{Gather, Neighbourhood};
-use super::ops::Parameters;
-use crate::{Config, Error, LAYERS, OUTPUTS, Result, WIDTH};
-use candle_core::Tensor;
+use super::gather::{Gather, Neighbourhood};
+use super::layers::{Norm, Perceptron};
+use crate::{Config, Error, HEADS, Kind, LAYERS, Layout, OUTPUTS, Result, WIDTH};
+use candle_core::{DType, Device, Tensor};
+use candle_nn::{Module, VarBuilder};
 
-/// A head in candle's operations.
+/// A head as a model of candle.
 #[derive(Debug)]
 pub struct Network {
     config: Config,
-    /// All of them, `[len]`.
-    values: Tensor,
-    parameters: Parameters,
+    phi_g: Perceptron,
+    phi_v: Perceptron,
+    blocks: Vec<Block>,
+    norm: Norm,
+    out: Perceptron,
+    dtype: DType,
+    device: Device,
+}
+
+/// A layer that looks at neighbours.
+#[derive(Debug)]
+struct Block {
+    norm1: Norm,
+    gather: Gather,
+    norm2: Norm,
+    ffn: Perceptron,
+}
+
+impl Block {
+    fn load(config: &Config, vb: &VarBuilder<'_>) -> candle_core::Result<Self> {
+        Ok(Self {
+            norm1: Norm::load(WIDTH, &vb.pp("norm1"))?,
+            gather: Gather::load(config, vb)?,
+            norm2: Norm::load(WIDTH, &vb.pp("norm2"))?,
+            ffn: Perceptron::gelu([WIDTH, 4 * WIDTH, WIDTH], &vb.pp("ffn"))?,
+        })
+    }
 }
 
 /// All maps between the layers of a head.
@@ -27,21 +52,46 @@ pub struct Trace {
 }
 
 impl Network {
-    /// A head with the given numbers: `[len]`, in the order of [`Layout`](crate::Layout), such as
+    /// A head with the given numbers: `[len]`, in the order of [`Layout`], such as
     /// [`Weights::to_tensor`](crate::Weights::to_tensor) gives. Where it is a `Var`, the outputs can be differentiated
-    /// by it, and setting it changes this network.
+    /// by it.
     ///
     /// # Errors
     /// If there are more or fewer numbers than the configuration asks for, or it is out of its ranges.
     pub fn new(config: Config, values: &Tensor) -> Result<Self> {
         config.check()?;
-        let expected = crate::Layout::new(&config).len;
-        if values.dims() != [expected] {
+        let layout = Layout::new(&config);
+        if values.dims() != [layout.len] {
             let found = values.dims().to_vec();
-            return Err(Error::Shape { what: "weights", expected: vec![expected], found });
+            return Err(Error::Shape { what: "weights", expected: vec![layout.len], found });
         }
-        let parameters = Parameters::new(&config, values)?;
-        Ok(Self { config, values: values.clone(), parameters })
+        let views = layout.parameters.into_iter().map(|p| {
+            let view = values.narrow(0, p.offset, p.len())?.reshape(p.shape)?;
+            Ok((p.name, view))
+        });
+        let views = views.collect::<Result<_>>()?;
+        Self::load(config, &VarBuilder::from_tensors(views, values.dtype(), values.device()))
+    }
+
+    /// A head with the parameters of a builder, whose names and shapes are those of [`Layout`]: from the tensors of a weights file,
+    /// or the variables of a `VarMap`.
+    ///
+    /// # Errors
+    /// If a parameter is missing or has another shape, or the configuration is out of its ranges.
+    pub fn load(config: Config, vb: &VarBuilder<'_>) -> Result<Self> {
+        config.check()?;
+        let half = WIDTH / 2;
+        let block = |layer| Block::load(&config, &vb.pp("blocks").pp(layer));
+        Ok(Self {
+            config,
+            phi_g: Perceptron::relu([config.geometry, half, half], &vb.pp("phi_g"))?,
+            phi_v: Perceptron::relu([config.image, half, half], &vb.pp("phi_v"))?,
+            blocks: (0..LAYERS).map(block).collect::<candle_core::Result<_>>()?,
+            norm: Norm::load(WIDTH, &vb.pp("norm"))?,
+            out: Perceptron::gelu([WIDTH, WIDTH, OUTPUTS], &vb.pp("out"))?,
+            dtype: vb.dtype(),
+            device: vb.device().clone(),
+        })
     }
 
     /// Shape of the head.
@@ -72,22 +122,18 @@ impl Network {
         if n == 0 {
             return self.trace_of_nothing(k);
         }
-        let p = &self.parameters;
-        let embedded = [p.relu_mlp("phi_g", &inputs.geometry)?, p.relu_mlp("phi_v", &inputs.image)?];
+        let embedded = [self.phi_g.forward(&inputs.geometry)?, self.phi_v.forward(&inputs.image)?];
         let embedding = Tensor::cat(&embedded, 1)?;
         let (mut blocks, mut alphas) = (Vec::new(), Vec::new());
         let mut x = embedding.clone();
-        for layer in 0..LAYERS {
-            let block = format!("blocks.{layer}");
-            let gather = Gather { kind: self.config.kind, parameters: p, block: block.clone() };
-            let prepared = gather.prepare(&p.norm(&format!("{block}.norm1"), &x)?)?;
+        for Block { norm1, gather, norm2, ffn } in &self.blocks {
+            let prepared = gather.prepare(&norm1.forward(&x)?)?;
             let (mut updated, mut weights) = (Vec::new(), Vec::new());
             for start in (0..n).step_by(anchors) {
                 let hood = neighbourhood(inputs, start, anchors.min(n - start), k)?;
-                let (learnt, alpha) = gather.gather(&prepared, &hood)?;
+                let (learnt, alpha) = gather.forward(&prepared, &hood)?;
                 let y = (hood.own(&x)? + learnt)?;
-                let ffn = p.gelu_mlp(&format!("{block}.ffn"), &p.norm(&format!("{block}.norm2"), &y)?)?;
-                updated.push((y + ffn)?);
+                updated.push((&y + ffn.forward(&norm2.forward(&y)?)?)?);
                 weights.extend(alpha);
             }
             x = Tensor::cat(&updated, 0)?;
@@ -96,16 +142,16 @@ impl Network {
                 alphas.push(Tensor::cat(&weights, 0)?);
             }
         }
-        let out = p.gelu_mlp("out", &p.norm("norm", &x)?)?;
+        let out = self.out.forward(&self.norm.forward(&x)?)?;
         Ok(Trace { embedding, blocks, alphas, out })
     }
 
     /// No anchors: not every operation of candle takes an empty tensor.
     fn trace_of_nothing(&self, k: usize) -> Result<Trace> {
-        let zeros = |shape: &[usize]| Tensor::zeros(shape, self.values.dtype(), self.values.device());
+        let zeros = |shape: &[usize]| Tensor::zeros(shape, self.dtype, &self.device);
         let features = zeros(&[0, WIDTH])?;
         let alphas = match self.config.kind {
-            crate::Kind::Attention => vec![zeros(&[0, k + 1, crate::HEADS])?; LAYERS],
+            Kind::Attention => vec![zeros(&[0, k + 1, HEADS])?; LAYERS],
             _ => Vec::new(),
         };
         let blocks = vec![features.clone(); LAYERS];

@@ -1,4 +1,12 @@
+#[cfg(feature = "candle")]
+use crate::case::Case;
+#[cfg(feature = "candle")]
+use attn_head::plain::{Network, TensorInputs};
 use attn_head::{Config, Error, Kind, Layout, SafetensorsFault, WeightFault, Weights};
+#[cfg(feature = "candle")]
+use candle_core::{DType, Device};
+#[cfg(feature = "candle")]
+use candle_nn::{VarBuilder, VarMap};
 use proptest::prelude::*;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
@@ -31,6 +39,44 @@ fn a_file_gives_back_every_bit() {
         assert_eq!(bits(&read), bits(&weights));
         assert_eq!(read.to_bytes().unwrap(), std::fs::read(&path).unwrap());
         assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+}
+
+#[cfg(feature = "candle")]
+#[test]
+fn a_network_is_made_of_the_tensors_of_a_file() {
+    for kind in Kind::ALL {
+        let case = Case::new(kind, 5, 3, 4);
+        let inputs = TensorInputs::new(&case.config, &case.inputs(), DType::F32, &Device::Cpu).unwrap();
+        let values = case.weights().to_tensor(DType::F32, &Device::Cpu).unwrap();
+        let outputs = |network: Result<Network, Error>| {
+            let out = network.unwrap().forward(&inputs).unwrap();
+            out.flatten_all().unwrap().to_vec1::<f32>().unwrap()
+        };
+        let bytes = case.weights().to_bytes().unwrap();
+        let vb = VarBuilder::from_buffered_safetensors(bytes, DType::F32, &Device::Cpu).unwrap();
+        let of_file = outputs(Network::load(case.config, &vb));
+        assert_eq!(of_file, outputs(Network::new(case.config, &values)), "{kind:?}");
+        let error = Network::load(case.config, &vb.pp("phi_h")).unwrap_err().to_string();
+        assert!(error.contains("phi_h.phi_g.0.weight"), "{error}");
+    }
+}
+
+#[cfg(feature = "candle")]
+#[test]
+fn the_variables_of_a_network_are_the_parameters_of_its_layout() {
+    for (kind, neighbours) in Kind::ALL.into_iter().flat_map(|kind| [(kind, 0), (kind, 3)]) {
+        let config = Config { kind, neighbours, ..CONFIG };
+        let variables = VarMap::new();
+        Network::load(config, &VarBuilder::from_varmap(&variables, DType::F32, &Device::Cpu)).unwrap();
+        let variables = variables.data().lock().unwrap();
+        let mut found: Vec<_> =
+            variables.iter().map(|(name, var)| (name.clone(), var.dims().to_vec())).collect();
+        let parameters = Layout::new(&config).parameters;
+        let mut expected: Vec<_> = parameters.into_iter().map(|p| (p.name, p.shape)).collect();
+        found.sort();
+        expected.sort();
+        assert_eq!(found, expected, "{kind:?}");
     }
 }
 

@@ -20,7 +20,7 @@ impl Block {
         } else {
             Some(Conv::shape(1, inputs, outputs).stride(stride).load(&p.pp("downsample.0"))?)
         };
-        Ok(Self { conv1, conv2, norm: InstanceNorm::new(p, outputs), downsample })
+        Ok(Self { conv1, conv2, norm: InstanceNorm::new(p, outputs)?, downsample })
     }
 
     fn forward(&self, x: &Tensor) -> Result<Tensor> {
@@ -63,7 +63,7 @@ impl Cnn {
         let layers =
             [layer(1, 64, 64, 1)?, layer(2, 64, 96, if lowest == 8 { 2 } else { 1 })?, layer(3, 96, 128, 2)?];
         let conv2 = Conv::shape(1, 128, 128).load(&p.pp("conv2"))?;
-        Ok(Self { conv1, norm1: InstanceNorm::new(p, 64), layers, conv2 })
+        Ok(Self { conv1, norm1: InstanceNorm::new(p, 64)?, layers, conv2 })
     }
 
     /// Of normalised images `[n, h, w, 3]`.

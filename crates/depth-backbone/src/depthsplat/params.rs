@@ -2,14 +2,15 @@
 
 use super::layers::{Engine, Work, values};
 use super::recipe;
-use candle_core::{DType, Device, Result, Tensor};
-use std::cell::RefCell;
+use candle_core::{DType, Device, Result, Shape, Tensor, bail};
+use candle_nn::var_builder::SimpleBackend;
+use candle_nn::{Init, VarBuilder};
 use std::collections::BTreeMap;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tensor_files::{WeightFault, WeightProblem};
 
 /// Where tensors come from.
-pub(super) trait Source {
+pub(super) trait Source: Send + Sync {
     /// Names of all tensors.
     fn names(&self) -> Vec<String>;
     /// Shape of a tensor, if there is one of that name.
@@ -36,17 +37,71 @@ struct Requests {
 
 struct Shared {
     origin: Origin,
-    requests: RefCell<Requests>,
-    device: Device,
-    engine: Engine,
-    work: Work,
+    requests: Mutex<Requests>,
 }
 
-/// Parameters below a prefix.
+impl Shared {
+    fn requests(&self) -> MutexGuard<'_, Requests> {
+        self.requests.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A parameter, f32 on the CPU.
+    fn find(&self, name: &str, shape: &[usize]) -> Result<std::result::Result<Tensor, WeightFault>> {
+        let source = match &self.origin {
+            Origin::Recipe { salt } => {
+                let values = recipe::values(salt, name, shape);
+                return Tensor::from_vec(values, shape, &Device::Cpu).map(Ok);
+            }
+            Origin::File(source) => source,
+        };
+        Ok(match source.shape(name) {
+            Some(found) if found == shape => {
+                let tensor = source.load(name)?.to_dtype(DType::F32)?.contiguous()?;
+                let finite = values(&tensor)?.iter().all(|v| v.is_finite());
+                if finite { Ok(tensor) } else { Err(WeightFault::NotFinite) }
+            }
+            Some(found) => Err(WeightFault::Shape { expected: shape.to_vec(), found }),
+            None => Err(WeightFault::Missing),
+        })
+    }
+}
+
+/// What a `VarBuilder` gets tensors from. One that does not fit is noted, and zeros take its place.
+struct Noting(Arc<Shared>);
+
+impl SimpleBackend for Noting {
+    fn get(&self, shape: Shape, name: &str, _: Init, dtype: DType, device: &Device) -> Result<Tensor> {
+        let found = self.0.find(name, shape.dims())?;
+        let mut requests = self.0.requests();
+        requests.all.insert(name.to_owned(), shape.dims().to_vec());
+        match found {
+            Ok(tensor) => tensor.to_device(device)?.to_dtype(dtype),
+            Err(fault) => {
+                requests.problems.push(WeightProblem { name: name.to_owned(), fault });
+                Tensor::zeros(shape, dtype, device)
+            }
+        }
+    }
+
+    fn get_unchecked(&self, name: &str, _: DType, _: &Device) -> Result<Tensor> {
+        bail!("{name}: a parameter is asked for with its shape")
+    }
+
+    fn contains_tensor(&self, name: &str) -> bool {
+        match &self.0.origin {
+            Origin::File(source) => source.shape(name).is_some(),
+            Origin::Recipe { .. } => true,
+        }
+    }
+}
+
+/// Parameters below a prefix, and what computes with them.
 #[derive(Clone)]
 pub(super) struct Params {
-    shared: Rc<Shared>,
-    prefix: String,
+    vb: VarBuilder<'static>,
+    shared: Arc<Shared>,
+    engine: Engine,
+    work: Work,
 }
 
 impl Params {
@@ -59,57 +114,37 @@ impl Params {
     }
 
     fn new(origin: Origin, device: &Device, engine: Engine) -> Self {
-        let requests = RefCell::default();
-        let shared = Shared { origin, requests, device: device.clone(), engine, work: Work::default() };
-        Self { shared: Rc::new(shared), prefix: String::new() }
+        let shared = Arc::new(Shared { origin, requests: Mutex::default() });
+        let backend = Box::new(Noting(Arc::clone(&shared)));
+        let vb = VarBuilder::from_backend(backend, DType::F32, device.clone());
+        Self { vb, shared, engine, work: Work::default() }
     }
 
     /// Those below `name`, which may have several parts.
-    pub(super) fn pp(&self, name: impl std::fmt::Display) -> Self {
-        let prefix = format!("{}{name}.", self.prefix);
-        Self { shared: Rc::clone(&self.shared), prefix }
+    pub(super) fn pp(&self, name: impl ToString) -> Self {
+        Self { vb: self.vb.pp(name), ..self.clone() }
     }
 
     pub(super) fn device(&self) -> &Device {
-        &self.shared.device
+        self.vb.device()
     }
 
     pub(super) fn engine(&self) -> Engine {
-        self.shared.engine
+        self.engine
     }
 
     pub(super) fn work(&self) -> &Work {
-        &self.shared.work
+        &self.work
     }
 
-    /// A parameter, f32 on the CPU. One that does not fit is noted, and zeros take its place.
+    /// A parameter, f32 on the device.
     pub(super) fn get(&self, name: &str, shape: &[usize]) -> Result<Tensor> {
-        let name = format!("{}{name}", self.prefix);
-        let mut requests = self.shared.requests.borrow_mut();
-        requests.all.insert(name.clone(), shape.to_vec());
-        let fault = match &self.shared.origin {
-            Origin::Recipe { salt } => {
-                return Tensor::from_vec(recipe::values(salt, &name, shape), shape, &Device::Cpu);
-            }
-            Origin::File(source) => match source.shape(&name) {
-                Some(found) if found == shape => {
-                    let tensor = source.load(&name)?.to_dtype(DType::F32)?.contiguous()?;
-                    if values(&tensor)?.iter().all(|v| v.is_finite()) {
-                        return Ok(tensor);
-                    }
-                    WeightFault::NotFinite
-                }
-                Some(found) => WeightFault::Shape { expected: shape.to_vec(), found },
-                None => WeightFault::Missing,
-            },
-        };
-        requests.problems.push(WeightProblem { name, fault });
-        Tensor::zeros(shape, DType::F32, &Device::Cpu)
+        self.vb.get(shape, name)
     }
 
     /// Names and shapes of all that was asked for.
     pub(super) fn requested(&self) -> BTreeMap<String, Vec<usize>> {
-        self.shared.requests.borrow().all.clone()
+        self.shared.requests().all.clone()
     }
 
     /// Names of all that the file holds.
@@ -122,6 +157,6 @@ impl Params {
 
     /// What did not fit.
     pub(super) fn problems(&self) -> Vec<WeightProblem> {
-        self.shared.requests.borrow().problems.clone()
+        self.shared.requests().problems.clone()
     }
 }

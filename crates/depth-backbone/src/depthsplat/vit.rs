@@ -29,7 +29,7 @@ struct Block {
 
 impl Block {
     fn new(p: &Params, width: usize) -> Result<Self> {
-        let gamma = |name| p.pp(name).get("gamma", &[width])?.to_device(p.device());
+        let gamma = |name| p.pp(name).get("gamma", &[width]);
         Ok(Self {
             norm1: LayerNorm::new(&p.pp("norm1"), width, EPS)?,
             qkv: Linear::new(&p.pp("attn.qkv"), width, 3 * width)?,
@@ -77,7 +77,7 @@ impl VisionTransformer {
         let width = kind.width();
         let patch = Conv::shape(PATCH, 3, width).stride(PATCH).unpadded();
         Ok(Self {
-            cls_token: p.get("cls_token", &[1, 1, width])?.to_device(p.device())?,
+            cls_token: p.get("cls_token", &[1, 1, width])?,
             pos_embed: p.get("pos_embed", &[1, 1 + GRID * GRID, width])?.flatten_all()?.to_vec1()?,
             patch_embed: patch.load(&p.pp("patch_embed.proj"))?,
             blocks: (0..kind.depth())

@@ -2,17 +2,17 @@ use super::super::kernels::{self, Border, Kernel, Maps, Window};
 use super::super::params::Params;
 use super::{Engine, Linear, Then, Work, tensor, upscaled, values};
 use candle_core::{Result, Tensor};
+use candle_nn::{Conv2d, Conv2dConfig, Module};
 
-enum Weight {
-    Kernel(Kernel),
-    /// `[out, in, side, side]`.
-    Tensor(Tensor),
+enum Form {
+    /// With its bias.
+    Kernel(Kernel, Option<Tensor>),
+    Composed(Conv2d),
 }
 
 /// A convolution with square windows.
 pub(in crate::depthsplat) struct Conv {
-    weight: Weight,
-    bias: Option<Tensor>,
+    form: Form,
     window: Window,
     inputs: usize,
     outputs: usize,
@@ -49,12 +49,16 @@ impl ConvShape {
     pub(in crate::depthsplat) fn load(self, p: &Params) -> Result<Conv> {
         let Self { inputs, outputs, window, bias } = self;
         let weight = p.get("weight", &[outputs, inputs, window.side, window.side])?;
-        let bias = if bias { Some(p.get("bias", &[outputs])?.to_device(p.device())?) } else { None };
-        let weight = match p.engine() {
-            Engine::Kernels => Weight::Kernel(Kernel::new(&values(&weight)?, outputs, inputs, window)),
-            Engine::Composed => Weight::Tensor(weight.to_device(p.device())?),
+        let bias = if bias { Some(p.get("bias", &[outputs])?) } else { None };
+        let form = match p.engine() {
+            Engine::Kernels => Form::Kernel(Kernel::new(&values(&weight)?, outputs, inputs, window), bias),
+            Engine::Composed => {
+                let padding = if window.border == Border::Zero { window.padding } else { 0 };
+                let config = Conv2dConfig { padding, stride: window.stride, ..Conv2dConfig::default() };
+                Form::Composed(Conv2d::new(weight, bias, config))
+            }
         };
-        Ok(Conv { weight, bias, window, inputs, outputs, work: p.work().clone() })
+        Ok(Conv { form, window, inputs, outputs, work: p.work().clone() })
     }
 }
 
@@ -76,24 +80,23 @@ impl Conv {
         let shape = (count, self.window.steps(height), self.window.steps(width), self.outputs);
         let area = self.window.side * self.window.side;
         self.work.add(count * shape.1 * shape.2, area * channels, self.outputs);
-        match &self.weight {
-            Weight::Kernel(kernel) => {
+        match &self.form {
+            Form::Kernel(kernel, bias) => {
                 let values = values(x)?;
                 let maps = Maps { values: &values, height, width, channels };
-                let y = then.on_slices(self.bias.as_ref(), |finish| {
+                let y = then.on_slices(bias.as_ref(), |finish| {
                     kernels::convolve(maps, self.window, kernel, finish)
                 })?;
                 tensor(y, shape)
             }
-            Weight::Tensor(weight) => {
+            Form::Composed(conv) => {
                 let mut x = x.permute((0, 3, 1, 2))?.contiguous()?;
-                let mut padding = self.window.padding;
                 if self.window.border == Border::Replicate {
+                    let padding = self.window.padding;
                     x = x.pad_with_same(2, padding, padding)?.pad_with_same(3, padding, padding)?;
-                    padding = 0;
                 }
-                let y = x.contiguous()?.conv2d(weight, padding, self.window.stride, 1, 1)?;
-                then.compose(y.permute((0, 2, 3, 1))?.contiguous()?, self.bias.as_ref())
+                let y = conv.forward(&x.contiguous()?)?;
+                then.compose(y.permute((0, 2, 3, 1))?.contiguous()?)
             }
         }
     }

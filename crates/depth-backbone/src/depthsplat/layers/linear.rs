@@ -2,18 +2,18 @@ use super::super::kernels::{self, Heads, Joined, Labels, Packed};
 use super::super::params::Params;
 use super::{Engine, Then, Work, softmax, tensor, values};
 use candle_core::{D, Result, Tensor};
+use candle_nn::Module;
 use cpu_kernels::{Isa, Rows};
 
-enum Weight {
-    Packed(Packed),
-    /// `[out, in]`.
-    Tensor(Tensor),
+enum Form {
+    /// With its bias.
+    Packed(Packed, Option<Tensor>),
+    Composed(candle_nn::Linear),
 }
 
 /// y = x Wᵀ + b over the last axis; also a convolution with windows of one pixel.
 pub(in crate::depthsplat) struct Linear {
-    weight: Weight,
-    bias: Option<Tensor>,
+    form: Form,
     inputs: usize,
     outputs: usize,
     work: Work,
@@ -47,7 +47,7 @@ impl Linear {
         Self::from_tensors(p, &weight, Some(bias), inputs, outputs)
     }
 
-    /// From `weight` `[out, in]` and `bias` on the CPU.
+    /// From `weight` `[out, in]` and `bias`.
     pub(super) fn from_tensors(
         p: &Params,
         weight: &Tensor,
@@ -55,15 +55,14 @@ impl Linear {
         inputs: usize,
         outputs: usize,
     ) -> Result<Self> {
-        let weight = match p.engine() {
-            Engine::Kernels => Weight::Packed(Packed::transposed(
-                Isa::in_use(),
-                Rows::new(&values(weight)?, outputs, inputs),
-            )),
-            Engine::Composed => Weight::Tensor(weight.to_device(p.device())?),
+        let form = match p.engine() {
+            Engine::Kernels => {
+                let rows = &values(weight)?;
+                Form::Packed(Packed::transposed(Isa::in_use(), Rows::new(rows, outputs, inputs)), bias)
+            }
+            Engine::Composed => Form::Composed(candle_nn::Linear::new(weight.clone(), bias)),
         };
-        let bias = bias.map(|bias| bias.to_device(p.device())).transpose()?;
-        Ok(Self { weight, bias, inputs, outputs, work: p.work().clone() })
+        Ok(Self { form, inputs, outputs, work: p.work().clone() })
     }
 
     /// `[.., in]` to `[.., out]`.
@@ -85,20 +84,18 @@ impl Linear {
         }
         let rows = shape.iter().product::<usize>() / self.outputs;
         self.work.add(rows, self.inputs, self.outputs);
-        match &self.weight {
-            Weight::Packed(packed) => {
+        match &self.form {
+            Form::Packed(packed, bias) => {
                 let slices = xs.iter().map(|x| values(x)).collect::<Result<Vec<_>>>()?;
                 let inputs: Vec<(&[f32], usize)> =
                     slices.iter().zip(xs).map(|(v, x)| (&**v, x.dims()[x.rank() - 1])).collect();
-                let y = then.on_slices(self.bias.as_ref(), |finish| {
+                let y = then.on_slices(bias.as_ref(), |finish| {
                     kernels::dense(Joined { inputs: &inputs }, packed, finish)
                 })?;
                 tensor(y, shape)
             }
-            Weight::Tensor(weight) => {
-                let x = Tensor::cat(xs, D::Minus1)?.reshape((rows, self.inputs))?;
-                let y = x.matmul(&weight.t()?)?.reshape(shape)?;
-                then.compose(y, self.bias.as_ref())
+            Form::Composed(linear) => {
+                then.compose(linear.forward(&Tensor::cat(xs, D::Minus1)?.contiguous()?)?)
             }
         }
     }

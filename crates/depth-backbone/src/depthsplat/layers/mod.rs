@@ -1,6 +1,6 @@
 //! The layers of the network on tensors with the channels last: `[view, row, column, channel]` or `[.., token, channel]`.
-//! On the CPU they call [`super::kernels`]; elsewhere, and as the oracle of the tests, they are composed of candle's
-//! operations.
+//! On the CPU they call [`super::kernels`]; elsewhere, and as the oracle of the tests, they are those of
+//! candle-nn.
 
 mod convolution;
 mod linear;
@@ -78,12 +78,8 @@ impl<'a> Then<'a> {
     }
 
     /// Of candle's operations.
-    fn compose(&self, y: Tensor, bias: Option<&Tensor>) -> Result<Tensor> {
-        let mut y = match bias {
-            Some(bias) => y.broadcast_add(bias)?,
-            None => y,
-        };
-        y = compose_activation(self.activation, y)?;
+    fn compose(&self, y: Tensor) -> Result<Tensor> {
+        let mut y = compose_activation(self.activation, y)?;
         if let Some(scale) = self.scale {
             y = y.broadcast_mul(scale)?;
         }

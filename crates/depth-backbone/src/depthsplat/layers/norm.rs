@@ -1,7 +1,8 @@
 use super::super::kernels::{self, Activation};
 use super::super::params::Params;
 use super::{Engine, compose_activation, tensor, values};
-use candle_core::{D, Result, Tensor};
+use candle_core::{DType, Result, Tensor};
+use candle_nn::{Module, ops};
 
 /// Normalisation of each token over its channels.
 pub(in crate::depthsplat) struct LayerNorm {
@@ -13,8 +14,8 @@ pub(in crate::depthsplat) struct LayerNorm {
 
 impl LayerNorm {
     pub(in crate::depthsplat) fn new(p: &Params, channels: usize, eps: f64) -> Result<Self> {
-        let weight = p.get("weight", &[channels])?.to_device(p.device())?;
-        let bias = p.get("bias", &[channels])?.to_device(p.device())?;
+        let weight = p.get("weight", &[channels])?;
+        let bias = p.get("bias", &[channels])?;
         Ok(Self { weight, bias, eps, engine: p.engine() })
     }
 
@@ -24,21 +25,22 @@ impl LayerNorm {
                 let (weight, bias) = (values(&self.weight)?, values(&self.bias)?);
                 tensor(kernels::layer_norm(&values(x)?, &weight, &bias, self.eps as f32), x.shape())
             }
-            Engine::Composed => {
-                let x = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
-                let variance = x.sqr()?.mean_keepdim(D::Minus1)?;
-                let x = x.broadcast_div(&(variance + self.eps)?.sqrt()?)?;
-                x.broadcast_mul(&self.weight)?.broadcast_add(&self.bias)
-            }
+            // The kernel behind candle-nn's module takes the variance as a difference of squares, which loses digits.
+            Engine::Composed => ops::layer_norm_slow(x, &self.weight, &self.bias, self.eps as f32),
         }
     }
 }
 
 /// Normalisation over the pixels of each image and groups of channels.
 pub(in crate::depthsplat) struct GroupNorm {
-    affine: Option<(Tensor, Tensor)>,
+    form: Form,
     groups: usize,
-    engine: Engine,
+}
+
+enum Form {
+    /// Weight and bias.
+    Kernel(Option<(Tensor, Tensor)>),
+    Composed(candle_nn::GroupNorm),
 }
 
 /// Of all group and instance norms.
@@ -47,9 +49,15 @@ const EPS: f64 = 1e-5;
 impl GroupNorm {
     /// With 8 groups.
     pub(in crate::depthsplat) fn new(p: &Params, channels: usize) -> Result<Self> {
-        let weight = p.get("weight", &[channels])?.to_device(p.device())?;
-        let bias = p.get("bias", &[channels])?.to_device(p.device())?;
-        Ok(Self { affine: Some((weight, bias)), groups: 8, engine: p.engine() })
+        let groups = 8;
+        let (weight, bias) = (p.get("weight", &[channels])?, p.get("bias", &[channels])?);
+        let form = match p.engine() {
+            Engine::Kernels => Form::Kernel(Some((weight, bias))),
+            Engine::Composed => {
+                Form::Composed(candle_nn::GroupNorm::new(weight, bias, channels, groups, EPS)?)
+            }
+        };
+        Ok(Self { form, groups })
     }
 
     pub(in crate::depthsplat) fn forward(&self, x: &Tensor) -> Result<Tensor> {
@@ -65,22 +73,19 @@ impl GroupNorm {
     }
 
     fn normalise(&self, x: &Tensor, activation: Activation, residual: Option<&Tensor>) -> Result<Tensor> {
-        let (count, height, width, channels) = x.dims4()?;
-        if self.engine == Engine::Composed {
-            let grouped = x.reshape((count, height * width, self.groups, channels / self.groups))?;
-            let grouped = grouped.broadcast_sub(&grouped.mean_keepdim((1, 3))?)?;
-            let variance = grouped.sqr()?.mean_keepdim((1, 3))?;
-            let mut y = grouped.broadcast_div(&(variance + EPS)?.sqrt()?)?.reshape(x.shape())?;
-            if let Some((weight, bias)) = &self.affine {
-                y = y.broadcast_mul(weight)?.broadcast_add(bias)?;
+        let (_, height, width, channels) = x.dims4()?;
+        let affine = match &self.form {
+            Form::Kernel(affine) => affine,
+            Form::Composed(norm) => {
+                let y = norm.forward(&x.permute((0, 3, 1, 2))?)?.permute((0, 2, 3, 1))?.contiguous()?;
+                let y = compose_activation(activation, y)?;
+                return match residual {
+                    Some(residual) => (y + residual)?.relu(),
+                    None => Ok(y),
+                };
             }
-            y = compose_activation(activation, y)?;
-            return match residual {
-                Some(residual) => (y + residual)?.relu(),
-                None => Ok(y),
-            };
-        }
-        let affine = match &self.affine {
+        };
+        let affine = match affine {
             Some((weight, bias)) => Some((values(weight)?, values(bias)?)),
             None => None,
         };
@@ -101,8 +106,16 @@ impl GroupNorm {
 pub(in crate::depthsplat) struct InstanceNorm(GroupNorm);
 
 impl InstanceNorm {
-    pub(in crate::depthsplat) fn new(p: &Params, channels: usize) -> Self {
-        Self(GroupNorm { affine: None, groups: channels, engine: p.engine() })
+    pub(in crate::depthsplat) fn new(p: &Params, channels: usize) -> Result<Self> {
+        let form = match p.engine() {
+            Engine::Kernels => Form::Kernel(None),
+            Engine::Composed => {
+                let weight = Tensor::ones(channels, DType::F32, p.device())?;
+                let bias = weight.zeros_like()?;
+                Form::Composed(candle_nn::GroupNorm::new(weight, bias, channels, channels, EPS)?)
+            }
+        };
+        Ok(Self(GroupNorm { form, groups: channels }))
     }
 
     pub(in crate::depthsplat) fn forward(&self, x: &Tensor) -> Result<Tensor> {

@@ -75,9 +75,6 @@ pub(in crate::depthsplat) fn softmax(engine: Engine, x: &Tensor) -> Result<Tenso
             kernels::softmax_rows(&mut y, x.dim(D::Minus1)?);
             tensor(y, x.shape())
         }
-        Engine::Composed => {
-            let y = x.broadcast_sub(&x.max_keepdim(D::Minus1)?)?.exp()?;
-            y.broadcast_div(&y.sum_keepdim(D::Minus1)?)
-        }
+        Engine::Composed => candle_nn::ops::softmax_last_dim(x),
     }
 }
