@@ -56,13 +56,13 @@ impl Architecture {
             skips.push(node);
             let half = new.push(Step::Halve { from: node });
             node = new.convolve(format!("down.{level}"), 3, (pair[0], pair[1]), half, false, None);
-            node = new.block(format!("encoder.{level}"), pair[1], node);
+            node = new.block(&format!("encoder.{level}"), pair[1], node);
         }
-        node = new.block("middle".into(), LEVELS[LEVELS.len() - 1], node);
+        node = new.block("middle", LEVELS[LEVELS.len() - 1], node);
         for (level, pair) in LEVELS.windows(2).enumerate().rev() {
             let narrowed = new.convolve(format!("up.{level}"), 1, (pair[1], pair[0]), node, false, None);
             let joined = new.push(Step::Double { from: narrowed, plus: skips[level] });
-            node = new.block(format!("decoder.{level}"), pair[0], joined);
+            node = new.block(&format!("decoder.{level}"), pair[0], joined);
         }
         new.convolve("out".into(), 1, (LEVELS[0], outputs), node, true, None);
         new.last_use = vec![0; new.steps.len() + 1];
@@ -99,7 +99,7 @@ impl Architecture {
     }
 
     /// A residual block: x + W₂ relu(W₁ relu(x)).
-    fn block(&mut self, name: String, channels: usize, from: usize) -> usize {
+    fn block(&mut self, name: &str, channels: usize, from: usize) -> usize {
         let first = self.convolve(format!("{name}.first"), 3, (channels, channels), from, true, None);
         self.convolve(format!("{name}.second"), 3, (channels, channels), first, true, Some(from))
     }
@@ -112,9 +112,9 @@ impl Architecture {
             nodes[i + 1] =
                 Some(self.step(*step, weights, |node| nodes[node].as_ref().expect("a node in use")));
             // What nobody reads any more makes room.
-            for node in 0..=i {
+            for (node, grid) in nodes.iter_mut().enumerate().take(i + 1) {
                 if self.last_use[node] == i {
-                    nodes[node] = None;
+                    *grid = None;
                 }
             }
         }

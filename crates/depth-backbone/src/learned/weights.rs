@@ -131,7 +131,8 @@ impl DepthWeights {
         let tensors = parameters.iter().map(|(name, shape, offset)| {
             (name.as_str(), Dtype::F16, &shape[..], &data[2 * offset..][..2 * size(shape)])
         });
-        let description = serde_json::to_string(&self.metadata).expect("texts are JSON");
+        let description =
+            serde_json::to_string(&self.metadata).map_err(tensor_files::SafetensorsFault::Header)?;
         Ok(to_bytes(tensors, HashMap::from([(KEY.to_owned(), description)]))?)
     }
 }
