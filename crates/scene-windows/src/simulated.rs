@@ -68,7 +68,7 @@ const FRAMES: usize = 11;
 pub fn simulated_window(scene: SimulatedScene, size: (usize, usize)) -> Result<Window> {
     let views = match scene {
         SimulatedScene::Courtyard => courtyard(size)?,
-        SimulatedScene::Generated(..) | SimulatedScene::InTheWild(..) => generated(scene.scene(), size)?,
+        SimulatedScene::Generated(..) | SimulatedScene::InTheWild(..) => generated(&scene.scene(), size)?,
     };
     let (first, step) = scene.context();
     let is_context = |position: &usize| *position >= first && (position - first).is_multiple_of(step);
@@ -126,9 +126,9 @@ fn courtyard(size: (usize, usize)) -> Result<Vec<View>> {
 }
 
 /// Pictures as the scene has them taken, without distortion: a window has pinhole views.
-fn generated(scene: Scene, size: (usize, usize)) -> Result<Vec<View>> {
-    let traced = Traced::new(&scene)?;
-    let photographs = taken(&scene, size)?;
+fn generated(scene: &Scene, size: (usize, usize)) -> Result<Vec<View>> {
+    let traced = Traced::new(scene)?;
+    let photographs = taken(scene, size)?;
     (0..FRAMES).map(|index| Ok(photograph(&traced, &photographs, index, SEED)?.view)).collect()
 }
 

@@ -5,18 +5,18 @@ use scene_sim::{Traced, demo_scene, lens};
 use std::sync::Arc;
 
 /// The sweep with a network whose weights are those that training begins with, or, with `disorder`, any.
-fn with_network(sweep: PlaneSweep, disorder: f32) -> PlaneSweep {
+fn with_network(sweep: &PlaneSweep, disorder: f32) -> PlaneSweep {
     let mut weights = DepthWeights::initial(1);
     let numbers = weights.values.iter_mut().enumerate();
     numbers.for_each(|(i, value)| *value += disorder * (i as f32 * 0.7).sin());
-    PlaneSweep { network: Some(Arc::new(DepthNetwork::new(&weights).unwrap())), ..sweep }
+    PlaneSweep { network: Some(Arc::new(DepthNetwork::new(&weights).unwrap())), ..sweep.clone() }
 }
 
 #[test]
 fn what_the_views_confirm_stays_and_the_rest_is_the_networks() {
     let views = &COURTYARD[..3];
     let stereo = depths(&known(views), views);
-    let learned = depths(&with_network(known(views), 0.0), views);
+    let learned = depths(&with_network(&known(views), 0.0), views);
     let (mut confirmed, mut rest, mut changed) = (0, 0, 0);
     for (stereo, learned) in stereo.iter().zip(&learned) {
         // The photographs may contradict a point in one of the two alone, as they judge by the surfaces of the others.
@@ -40,7 +40,7 @@ fn any_number_of_threads_gives_the_same_depth() {
     let views = &COURTYARD[..3];
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| depths(&with_network(known(views), 0.02), views))
+        pool.install(|| depths(&with_network(&known(views), 0.02), views))
     };
     for (a, b) in on(1).iter().zip(&on(3)) {
         assert_eq!((&a.depth, &a.confidence), (&b.depth, &b.confidence));
@@ -51,7 +51,7 @@ fn any_number_of_threads_gives_the_same_depth() {
 fn weights_that_mean_nothing_give_defined_depth() {
     let views = &COURTYARD[..2];
     for disorder in [0.1, 3.0] {
-        depths(&with_network(known(views), disorder), views);
+        depths(&with_network(&known(views), disorder), views);
     }
 }
 
@@ -59,7 +59,7 @@ fn weights_that_mean_nothing_give_defined_depth() {
 fn pictures_without_texture_and_of_single_pixels_are_defined() {
     let range = DepthRange::Known { near: 1.0, far: 8.0 };
     let views: Vec<View> = (0..3).map(|i| flat(&i.to_string(), camera_at(0.2 * f64::from(i)), 0.4)).collect();
-    depths(&with_network(sweep(range), 0.0), &views);
+    depths(&with_network(&sweep(range), 0.0), &views);
     let small: Vec<View> = (0..2)
         .map(|i| {
             let camera = camera_at(0.2 * f64::from(i));
@@ -67,7 +67,7 @@ fn pictures_without_texture_and_of_single_pixels_are_defined() {
             flat(&i.to_string(), camera.with_intrinsics(intrinsics).unwrap(), 0.4)
         })
         .collect();
-    depths(&with_network(sweep(range), 0.1), &small);
+    depths(&with_network(&sweep(range), 0.1), &small);
 }
 
 #[test]
@@ -79,5 +79,5 @@ fn views_of_different_odd_sizes() {
         .map(|(view, (width, height))| view.camera().with_intrinsics(lens(width, height, 62.0)).unwrap())
         .collect();
     let views = crate::photograph(&scene, &cameras);
-    depths(&with_network(known(&views), 0.02), &views);
+    depths(&with_network(&known(&views), 0.02), &views);
 }
