@@ -81,11 +81,11 @@ mod tests {
             let found = (moved(1e-2) - moved(-1e-2)) / 2e-2;
             assert!((found - f64::from(expected)).abs() < 1e-3, "{found} {expected}");
         };
-        for i in 0..8 {
+        for (i, exact) in exact.iter().enumerate() {
             // The likelihood depends on the error as well, but the error does not learn from it.
-            let error = inputs.stereo()[i] + decoded.correction[i] - exact[i];
+            let error = inputs.stereo()[i] + decoded.correction[i] - exact;
             let of_likelihood = LIKELIHOOD * error.signum() * (-decoded.log_error[i]).exp() / 8.0;
-            let of_likelihood = if exact[i].is_nan() { 0.0 } else { of_likelihood };
+            let of_likelihood = if exact.is_nan() { 0.0 } else { of_likelihood };
             check(gradient.correction[i] + of_likelihood, &|d, by| d.correction[i] += by);
         }
         for i in 0..2 {
