@@ -4,7 +4,7 @@
 //! compressed PLY, SPZ and .splat, and splat-transform reads them. It neither reads glTF nor writes .splat; Khronos' validator
 //! looks at our glTF instead. The example `interchange` of splat-formats holds the results against the scene.
 
-use crate::run::cargo;
+use crate::run::{self, cargo};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, ExitCode};
@@ -38,13 +38,7 @@ require('gltf-validator').validateBytes(bytes, { maxIssues: 0 }).then(report => 
 
 /// Needs node (18 or newer) and npm; files lie under `target/format-test`.
 pub(crate) fn run(root: &Path) -> ExitCode {
-    match test(root) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(problem) => {
-            eprintln!("error: {problem}");
-            ExitCode::FAILURE
-        }
-    }
+    run::concluded(test(root))
 }
 
 fn test(root: &Path) -> Result<(), String> {

@@ -3,7 +3,7 @@
 //! CI does not run it, because it needs OpenMPI. Runs of 50 steps on 1, 2 and 4 ranks must end with the same weights; a step that is not
 //! finite on one rank must be skipped on all; a run whose rank is killed must end, and resume on another number of ranks.
 
-use crate::run::cargo;
+use crate::run::{self, cargo};
 use crate::sets::built_by;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -32,13 +32,7 @@ const LONGEST: Duration = Duration::from_secs(300);
 
 /// Files lie under `target/mpi-test`.
 pub(crate) fn run(root: &Path) -> ExitCode {
-    match test(root) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(problem) => {
-            eprintln!("error: {problem}");
-            ExitCode::FAILURE
-        }
-    }
+    run::concluded(test(root))
 }
 
 fn test(root: &Path) -> Result<(), String> {

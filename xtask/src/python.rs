@@ -3,7 +3,7 @@
 //! Environments lie under `target/python-test`: `tools` has maturin, `fresh` is made anew with every run, `torch` is kept, because
 //! PyTorch takes gigabytes.
 
-use crate::run::cargo;
+use crate::run::{self, cargo};
 use std::env;
 use std::ffi::{OsStr, OsString};
 use std::fs;
@@ -20,13 +20,7 @@ const CRATE: &str = "crates/sparsesplat-py";
 pub(crate) fn run(root: &Path, arguments: &[OsString]) -> ExitCode {
     let (torch, pytest): (Vec<&OsString>, Vec<&OsString>) =
         arguments.iter().partition(|argument| *argument == "--torch");
-    match test(root, !torch.is_empty(), &pytest) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(problem) => {
-            eprintln!("error: {problem}");
-            ExitCode::FAILURE
-        }
-    }
+    run::concluded(test(root, !torch.is_empty(), &pytest))
 }
 
 fn test(root: &Path, install_torch: bool, pytest: &[&OsString]) -> Result<(), String> {

@@ -27,6 +27,17 @@ pub(crate) fn cargo<const N: usize>(arguments: [&str; N]) -> Command {
     command
 }
 
+/// The exit code of a check; what is wrong is printed.
+pub(crate) fn concluded(outcome: Result<(), String>) -> ExitCode {
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(problem) => {
+            eprintln!("error: {problem}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
 /// The exit code of a child, to be our own; 1 where it has none (a signal).
 pub(crate) fn exit_code(status: io::Result<ExitStatus>) -> ExitCode {
     match status {

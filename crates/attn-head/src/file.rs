@@ -125,7 +125,9 @@ fn values(file: &SafeTensors<'_>, config: &Config) -> Result<Vec<f32>> {
     for parameter in layout.parameters {
         let fault = match found.remove(parameter.name.as_str()) {
             None => WeightFault::Missing,
-            Some(view) if view.dtype() != Dtype::F32 => WeightFault::Type { found: view.dtype() },
+            Some(view) if view.dtype() != Dtype::F32 => {
+                WeightFault::Type { expected: Dtype::F32, found: view.dtype() }
+            }
             Some(view) if view.shape() != parameter.shape => {
                 WeightFault::Shape { expected: parameter.shape, found: view.shape().to_vec() }
             }

@@ -119,12 +119,12 @@ impl PlaneSweep {
     /// # Errors
     /// If the views do not suffice for stereo.
     pub fn inputs(&self, views: &[View]) -> Result<Vec<Inputs>> {
-        let Survey { planes, matched, evidence } = self.survey(views)?;
+        let Survey { planes, matched, evidence } = self.survey(views, true)?;
         Ok(of_all(&matched, &evidence, &planes))
     }
 
-    /// Sweep, check between the views, and filling.
-    fn survey<'v>(&self, views: &'v [View]) -> Result<Survey<'v>> {
+    /// Sweep, check between the views, and filling. `for_network` finds how far the best planes stand out, too.
+    fn survey<'v>(&self, views: &'v [View], for_network: bool) -> Result<Survey<'v>> {
         if self.sources == 0 {
             return Err(Error::Setting { setting: "sources", found: 0.0, expected: "1 or more" });
         }
@@ -139,7 +139,7 @@ impl PlaneSweep {
         let found = within_volumes(&matched, 2 * REACH as usize + 1, |i, view| {
             let (coarse, surface) = &surfaces[i];
             let surface = enlarged(surface, coarse, &view.texture, factor);
-            sweep_about(view, &matched, &planes, &surface)
+            sweep_about(view, &matched, &planes, &surface, for_network)
         });
         drop(surfaces);
         let (inverse_depths, distinct): (Vec<_>, Vec<_>) = found.into_iter().unzip();
@@ -167,7 +167,7 @@ pub(crate) fn costs_of(view: &Matched, all: &[Matched], surface: &[f32], planes:
 impl DepthBackbone for PlaneSweep {
     fn estimate(&self, views: &[View], wanted: Wanted) -> Result<Vec<ViewGeometry>> {
         wanted.without_own_head("plane-sweep stereo")?;
-        let Survey { planes, matched, evidence } = self.survey(views)?;
+        let Survey { planes, matched, evidence } = self.survey(views, self.network.is_some())?;
         let surfaces: Vec<(Vec<f32>, Vec<f32>)> = match &self.network {
             None => evidence.into_iter().map(|found| (found.inverse_depth, found.confidence)).collect(),
             Some(network) => {
@@ -273,8 +273,14 @@ pub(crate) fn sweep(view: &Matched, all: &[Matched], planes: &Planes) -> Vec<f32
 }
 
 /// A view's inverse depth by semi-global matching of the planes within [`REACH`] of a surface, which windows follow; and how far the
-/// best plane stands out.
-fn sweep_about(view: &Matched, all: &[Matched], planes: &Planes, surface: &[f32]) -> (Vec<f32>, Vec<f32>) {
+/// best plane stands out, if that is wanted.
+fn sweep_about(
+    view: &Matched,
+    all: &[Matched],
+    planes: &Planes,
+    surface: &[f32],
+    with_distinctness: bool,
+) -> (Vec<f32>, Vec<f32>) {
     let ((farthest, nearest), step) = (planes.ends(), planes.step());
     let offsets: Vec<f32> = (-REACH..=REACH).map(|plane| plane as f32 * step).collect();
     let hypotheses = Hypotheses { surface: Some(surface), offsets: &offsets, ends: planes.ends() };
@@ -284,7 +290,9 @@ fn sweep_about(view: &Matched, all: &[Matched], planes: &Planes, surface: &[f32]
     let winners = sgm::winners(&sums, padded, offsets.len());
     let place = |(winner, w): (f32, &f32)| (w + (winner - REACH as f32) * step).clamp(farthest, nearest);
     let found = winners.into_iter().zip(surface).map(place).collect();
-    (found, sgm::distinctness(&sums, padded, offsets.len()))
+    let distinct =
+        if with_distinctness { sgm::distinctness(&sums, padded, offsets.len()) } else { Vec::new() };
+    (found, distinct)
 }
 
 /// Sums of the matching costs of a view's hypotheses at each pixel, filled up to whole vectors. `first` is the number of each pixel's

@@ -110,7 +110,7 @@ pub(crate) const SAVE_EVERY: usize = 50;
 /// Densities that are validated.
 const DENSITIES: [f64; 2] = [0.02, 0.1];
 /// First seed of the scenes to validate on.
-const VALIDATION_SEED: u64 = 500;
+pub(crate) const VALIDATION_SEED: u64 = 500;
 
 /// A line of the log of a validation.
 #[derive(Serialize)]

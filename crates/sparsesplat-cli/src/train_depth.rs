@@ -5,7 +5,7 @@ use crate::failure::{OrFail, Outcome};
 use crate::output::{self, Outputs};
 use crate::progress::Progress;
 use crate::summary::print_line;
-use crate::train;
+use crate::train::{self, VALIDATION_SEED};
 use crate::train_folder::{Folder, Log};
 use ::train::depth::{DepthCases, DepthConfig, DepthScore, DepthTrainer};
 use clap::Args;
@@ -70,9 +70,6 @@ pub(crate) struct Arguments {
     #[arg(long)]
     resume: bool,
 }
-
-/// First seed of the scenes to validate on.
-const VALIDATION_SEED: u64 = 500;
 
 /// A line of the log of a validation.
 #[derive(Clone, Copy, Serialize)]

@@ -17,8 +17,10 @@ pub enum WeightFault {
         /// What is there.
         found: Vec<usize>,
     },
-    /// It holds something else than 32-bit floating-point numbers.
+    /// It holds numbers of another type.
     Type {
+        /// What is needed.
+        expected: safetensors::Dtype,
         /// What it holds.
         found: safetensors::Dtype,
     },
@@ -47,7 +49,9 @@ impl std::fmt::Display for WeightProblem {
             WeightFault::Shape { expected, found } => {
                 write!(f, "{name} has shape {found:?}, expected {expected:?}")
             }
-            WeightFault::Type { found } => write!(f, "{name} holds {found:?}, expected F32"),
+            WeightFault::Type { expected, found } => {
+                write!(f, "{name} holds {found:?}, expected {expected:?}")
+            }
             WeightFault::NotFinite => write!(f, "{name} holds a value that is not finite"),
             WeightFault::Constant => write!(f, "{name} differs from the published metric's"),
         }

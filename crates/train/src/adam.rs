@@ -68,7 +68,28 @@ impl Adam {
         Self { first: vec![0.0; numbers], second: vec![0.0; numbers], updates: 0 }
     }
 
-    pub(crate) fn update(&mut self, values: &mut [f32], gradients: &[f32], rate: f64) {
+    /// An update by `gradients`, which are shortened to the rates' limit, in step `step` of `steps`. Nothing moves if the loss or a
+    /// gradient is not finite.
+    pub(crate) fn step(
+        &mut self,
+        rates: &Rates,
+        (step, steps): (usize, usize),
+        values: &mut [f32],
+        mut gradients: Vec<f32>,
+        loss: f64,
+    ) -> Taken {
+        let gradient = length(&gradients);
+        let lr = rates.of_step(step, steps);
+        let skipped = !(loss.is_finite() && gradient.is_finite());
+        if !skipped {
+            let factor = (f64::from(rates.clip) / gradient).min(1.0) as f32;
+            gradients.iter_mut().for_each(|g| *g *= factor);
+            self.update(values, &gradients, lr);
+        }
+        Taken { lr, gradient, skipped }
+    }
+
+    fn update(&mut self, values: &mut [f32], gradients: &[f32], rate: f64) {
         self.updates += 1;
         let power = |beta: f32| 1.0 - f64::from(beta).powf(self.updates as f64);
         let rate = (rate / power(BETA_1)) as f32;
@@ -82,8 +103,18 @@ impl Adam {
     }
 }
 
+/// What a step of the optimiser was.
+pub(crate) struct Taken {
+    /// Learning rate.
+    pub(crate) lr: f64,
+    /// Length of the gradient before it was shortened.
+    pub(crate) gradient: f64,
+    /// Whether it was left out.
+    pub(crate) skipped: bool,
+}
+
 /// Euclidean length, in f64 and in order.
-pub(crate) fn length(gradients: &[f32]) -> f64 {
+fn length(gradients: &[f32]) -> f64 {
     gradients.iter().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>().sqrt()
 }
 

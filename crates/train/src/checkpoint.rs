@@ -4,6 +4,7 @@
 use crate::adam::Adam;
 use crate::{Config, Error, Result};
 use safetensors::tensor::Dtype;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::Path;
@@ -26,16 +27,23 @@ pub(crate) struct Progress {
     pub(crate) updates: usize,
 }
 
-/// What the file is.
-const KIND: &str = "run";
+/// What the file of a head's run is.
+pub(crate) const KIND: &str = "run";
 
-pub(crate) fn write(path: &Path, progress: &Progress, weights: &[f32], adam: &Adam) -> Result<()> {
+/// Writes the checkpoint of a run of this kind.
+pub(crate) fn write(
+    path: &Path,
+    kind: &'static str,
+    progress: &impl Serialize,
+    weights: &[f32],
+    adam: &Adam,
+) -> Result<()> {
     let tensor = |name: &str, values: &[f32]| {
         let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         (name.to_owned(), Dtype::F32, vec![values.len()], bytes)
     };
     let tensors = [tensor("weights", weights), tensor("first", &adam.first), tensor("second", &adam.second)];
-    write_kept(path, KIND, progress, &tensors)
+    write_kept(path, kind, progress, &tensors)
         .map_err(|source| Error::Checkpoint { path: path.to_path_buf(), source })
 }
 
@@ -49,12 +57,17 @@ pub(crate) fn digest(progress: &Progress, weights: &[f32], adam: &Adam) -> u64 {
     hash.finalize().first_chunk().map_or(0, |start| u64::from_le_bytes(*start))
 }
 
-/// A checkpoint of a run with these weights' length.
-pub(crate) fn read(path: &Path, numbers: usize) -> Result<(Progress, Vec<f32>, Adam)> {
+/// A checkpoint of a run of this kind with so many weights; `updates` says how many the optimiser has done.
+pub(crate) fn read<P: DeserializeOwned>(
+    path: &Path,
+    kind: &'static str,
+    numbers: usize,
+    updates: impl Fn(&P) -> usize,
+) -> Result<(P, Vec<f32>, Adam)> {
     let read = || {
-        let (progress, kept): (Progress, Kept) = Kept::read(path, KIND)?;
+        let (progress, kept): (P, Kept) = Kept::read(path, kind)?;
         let values = |name: &str| Ok::<_, KeptFault>(singles(kept.expect(name, Dtype::F32, &[numbers])?));
-        let adam = Adam { first: values("first")?, second: values("second")?, updates: progress.updates };
+        let adam = Adam { first: values("first")?, second: values("second")?, updates: updates(&progress) };
         Ok((values("weights")?, adam, progress))
     };
     let (weights, adam, progress) =

@@ -1,6 +1,6 @@
 //! The training loop, one step at a time.
 
-use crate::adam::{Adam, length};
+use crate::adam::{Adam, Taken};
 use crate::checkpoint::{self, Progress};
 use crate::disturb::disturbed;
 use crate::draw::{Stream, bits, some, unit};
@@ -202,7 +202,10 @@ impl Trainer {
     /// If it cannot be read, or is of a run with another configuration, other data, another structural term or another device to
     /// render on.
     pub fn resume(&mut self, path: &Path) -> Result<()> {
-        let (progress, weights, adam) = checkpoint::read(path, self.weights.len())?;
+        let (progress, weights, adam) =
+            checkpoint::read(path, checkpoint::KIND, self.weights.len(), |progress: &Progress| {
+                progress.updates
+            })?;
         let other = |what| Err(Error::OtherRun { path: path.to_path_buf(), what });
         if progress.config != self.config {
             return other("configuration");
@@ -227,7 +230,7 @@ impl Trainer {
     /// # Errors
     /// If it cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
-        checkpoint::write(path, &self.progress(), &self.weights, &self.adam)
+        checkpoint::write(path, checkpoint::KIND, &self.progress(), &self.weights, &self.adam)
     }
 
     fn progress(&self) -> Progress {
@@ -300,17 +303,11 @@ impl Trainer {
         let mean = |sum: f64| sum / batch as f64;
         let (loss, gaussians, psnr) =
             (mean(sums[numbers]), mean(sums[numbers + 1]), sums[numbers + 2] / sums[numbers + 3]);
-        let mut gradients: Vec<f32> = sums[..numbers].iter().map(|sum| mean(*sum) as f32).collect();
-        let gradient = length(&gradients);
-        let lr = self.config.rates.of_step(self.step, self.config.steps);
-        let skipped = !(loss.is_finite() && gradient.is_finite());
-        if skipped {
-            self.skipped += 1;
-        } else {
-            let factor = (f64::from(self.config.rates.clip) / gradient).min(1.0) as f32;
-            gradients.iter_mut().for_each(|g| *g *= factor);
-            self.adam.update(&mut self.weights, &gradients, lr);
-        }
+        let gradients = sums[..numbers].iter().map(|sum| mean(*sum) as f32).collect();
+        let at = (self.step, self.config.steps);
+        let Taken { lr, gradient, skipped } =
+            self.adam.step(&self.config.rates, at, &mut self.weights, gradients, loss);
+        self.skipped += usize::from(skipped);
         self.step += 1;
         let seconds = begin.elapsed().as_secs_f64();
         Ok(Record { step: self.step, loss, psnr, lr, gradient, gaussians, seconds, skipped })

@@ -267,8 +267,8 @@ impl Said {
         let (u, v) = ((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
         let colour = &view.image().data()[3 * pixel..][..3];
         let mut said = Self { least: f32::MAX, most: f32::MIN, least_colour: f32::MAX, ..Self::default() };
-        let mut all = [0.0_f32; 16];
-        for (witness, &other) in witnesses.iter().zip(others).take(all.len()) {
+        let mut all = Vec::with_capacity(witnesses.len());
+        for (witness, &other) in witnesses.iter().zip(others) {
             let Some((pixel, nearer)) = witness.nearer(u, v, w) else { continue };
             let nearer = nearer / step;
             let weight = evidence[other].confidence[pixel];
@@ -279,7 +279,7 @@ impl Said {
             } else {
                 said.hidden += weight;
             }
-            all[said.seen] = nearer;
+            all.push(nearer);
             said.seen += 1;
             (said.least, said.most) = (said.least.min(nearer), said.most.max(nearer));
             let theirs = witness.colour(pixel);
@@ -294,7 +294,6 @@ impl Said {
         for value in [&mut said.agree, &mut said.floats, &mut said.hidden, &mut said.colour] {
             *value *= share;
         }
-        let all = &mut all[..said.seen];
         let middle = all.len() / 2;
         said.middle = *all.select_nth_unstable_by(middle, f32::total_cmp).1;
         said

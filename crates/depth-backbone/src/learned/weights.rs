@@ -160,7 +160,9 @@ fn values(file: &SafeTensors<'_>) -> Result<Vec<f32>> {
     for (name, expected, _) in parameters() {
         let fault = match found.remove(name.as_str()) {
             None => WeightFault::Missing,
-            Some(view) if view.dtype() != Dtype::F16 => WeightFault::Type { found: view.dtype() },
+            Some(view) if view.dtype() != Dtype::F16 => {
+                WeightFault::Type { expected: Dtype::F16, found: view.dtype() }
+            }
             Some(view) if view.shape() != expected => {
                 WeightFault::Shape { expected, found: view.shape().to_vec() }
             }

@@ -1,6 +1,6 @@
 //! Training and its ablations, as short as they get, and what other commands do with the weights.
 
-use crate::tiny::{Called, call, read_json};
+use crate::tiny::{Called, RANGE, Tiny, call, read_json};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -188,4 +188,51 @@ fn rows_of_an_ablation_are_trained_once_and_measured_each() {
     assert_eq!(values(&output.join("attention-entropy-k5-seed0/weights.safetensors")), before);
     let again = &read_json(&json)["rows"][0];
     assert_eq!(again["psnr_held_out"], rows[1]["psnr_held_out"]);
+}
+
+#[test]
+fn learned_depth_is_trained_resumed_and_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let config = at("short.ron");
+    fs::write(&config, "(steps: 2, batch: 1, crop: (24, 16))").unwrap();
+    let (run, cache, json) = (at("run"), at("cache"), at("train.json"));
+    let train = |more: &[&str]| {
+        let (run, config, cache) = (text(&run), text(&config), text(&cache));
+        let files = ["train-depth", "-o", run, "--config", config, "--cache", cache];
+        let size = ["--size", "96x64", "--scenes", "1", "--wild-scenes", "0", "--validation-scenes", "1"];
+        call(&[&files[..], &size, more].concat())
+    };
+    train(&["--save-every", "1", "--json", text(&json)]).succeeded();
+    let record = read_json(&json);
+    assert_eq!((&record["steps"], &record["views"]), (&2.into(), &6.into()));
+    assert!(record["validation"]["learned"]["relative"].as_f64().unwrap() < 0.5, "{record}");
+    let weights = run.join("weights.safetensors");
+    let whole = values(&weights);
+    fs::write(&weights, b"of an earlier step").unwrap();
+    train(&["--resume"]).succeeded();
+    assert_eq!(values(&weights), whole);
+
+    let Called { code, stderr, .. } = train(&[]);
+    assert!(code == Some(2) && stderr.contains("--resume"), "{stderr}");
+    let Called { code, stderr, .. } = train(&["--first-seed", "500"]);
+    assert!(code == Some(2) && stderr.contains("--first-seed"), "{stderr}");
+    fs::write(&config, "(batch: 0)").unwrap();
+    let Called { code, stderr, .. } = train(&["--resume"]);
+    assert!(code == Some(2) && stderr.contains("short.ron") && stderr.contains("batch"), "{stderr}");
+
+    let tiny = Tiny::new();
+    let found = text(&weights);
+    tiny.reconstruct(&["--depth", found, "--depth-range", RANGE]).succeeded();
+    tiny.reconstruct(&["--depth", "learned", "--depth-range", RANGE]).succeeded();
+    let broken = at("broken.safetensors");
+    fs::write(&broken, &fs::read(&weights).unwrap()[..1000]).unwrap();
+    for (arguments, part) in [
+        (["--depth", text(&broken)], "broken.safetensors"),
+        (["--depth", "nonsense"], "stereo, learned"),
+        (["--backbone=given-depth", "--depth=learned"], "--depth"),
+    ] {
+        let Called { code, stderr, .. } = tiny.reconstruct(&arguments);
+        assert!(code == Some(2) && stderr.contains(part), "{stderr}");
+    }
 }

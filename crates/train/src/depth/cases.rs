@@ -6,13 +6,13 @@ use gs_scene::View;
 use half::f16;
 use rayon::prelude::*;
 use safetensors::tensor::Dtype;
-use scene_windows::{SimulatedScene, hexadecimal, simulated_context};
+use scene_windows::{Plan, SimulatedScene, hexadecimal, simulated_context};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
-/// Changes when the layout of a file or the meaning of the inputs does.
+/// Changes when the layout of a file, the sweep or the meaning of the inputs does.
 const VERSION: u32 = 1;
 /// What the files are.
 const KIND: &str = "depth-case";
@@ -177,9 +177,8 @@ impl DepthCases {
             })
             .collect::<Result<_>>()?;
         let mut all = Sha256::new();
-        all.update(format!("{VERSION} {SAMPLES} {size:?}"));
-        for (scene, made) in scenes.iter().zip(&made) {
-            all.update(format!("{scene} {}", made.is_some()));
+        for (&scene, made) in scenes.iter().zip(&made) {
+            all.update(format!("{} {}\n", key(scene, size), made.is_some()));
         }
         let views: Vec<DepthCase> = made.into_iter().flatten().flatten().collect();
         if views.is_empty() {
@@ -207,14 +206,19 @@ impl DepthCases {
     }
 }
 
+/// SHA-256 of what decides the views of a scene and what is made of them.
+fn key(scene: SimulatedScene, size: (usize, usize)) -> String {
+    let described = Plan::simulated(scene, size).description();
+    hexadecimal(&Sha256::digest(format!("{VERSION} {SAMPLES} {described:?}")))
+}
+
 /// The views of a scene from the cache, or made; or why stereo refuses them.
 fn scene_cases(
     scene: SimulatedScene,
     size: (usize, usize),
     cache: &Path,
 ) -> Result<std::result::Result<Vec<DepthCase>, depth_backbone::Error>> {
-    let (width, height) = size;
-    let path: PathBuf = cache.join(format!("{scene}-{width}x{height}-{VERSION}.depth.safetensors"));
+    let path: PathBuf = cache.join(format!("{scene}-{}.depth.safetensors", &key(scene, size)[..16]));
     let fault = |source| Error::CacheFile { path: path.clone(), source };
     if path.exists() {
         let (header, kept): (Vec<KeptView>, Kept) = Kept::read(&path, KIND).map_err(fault)?;

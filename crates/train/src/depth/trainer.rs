@@ -3,17 +3,16 @@
 use super::cases::{Crop, DepthCases};
 use super::loss::loss;
 use super::score::{Collected, DepthScore};
-use crate::adam::{Adam, Rates, length};
+use crate::adam::{Adam, Rates, Taken};
+use crate::checkpoint;
 use crate::draw::{Stream, bits};
 use crate::{Error, Result};
 use depth_backbone::{DepthNetwork, DepthWeights};
 use rayon::prelude::*;
-use safetensors::tensor::Dtype;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
-use tensor_files::{Kept, KeptFault, singles, write_kept};
 
 /// Everything that decides what training makes of a set of views.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -120,14 +119,8 @@ impl DepthTrainer {
     /// If it cannot be read, or is of another run.
     pub fn resume(&mut self, path: &Path) -> Result<()> {
         let n = self.weights.values.len();
-        let read = || {
-            let (progress, kept): (Progress, Kept) = Kept::read(path, KIND)?;
-            let values = |name: &str| Ok::<_, KeptFault>(singles(kept.expect(name, Dtype::F32, &[n])?));
-            let adam = Adam { first: values("first")?, second: values("second")?, updates: progress.updates };
-            Ok((values("weights")?, adam, progress))
-        };
-        let (weights, adam, progress) =
-            read().map_err(|source| Error::Checkpoint { path: path.to_path_buf(), source })?;
+        let (progress, weights, adam) =
+            checkpoint::read(path, KIND, n, |progress: &Progress| progress.updates)?;
         let other = |what| Err(Error::OtherRun { path: path.to_path_buf(), what });
         if progress.config != self.config {
             return other("configuration");
@@ -152,17 +145,7 @@ impl DepthTrainer {
             skipped: self.skipped,
             updates: self.adam.updates,
         };
-        let tensor = |name: &str, values: &[f32]| {
-            let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-            (name.to_owned(), Dtype::F32, vec![values.len()], bytes)
-        };
-        let tensors = [
-            tensor("weights", &self.weights.values),
-            tensor("first", &self.adam.first),
-            tensor("second", &self.adam.second),
-        ];
-        write_kept(path, KIND, &progress, &tensors)
-            .map_err(|source| Error::Checkpoint { path: path.to_path_buf(), source })
+        checkpoint::write(path, KIND, &progress, &self.weights.values, &self.adam)
     }
 
     /// The settings.
@@ -216,16 +199,10 @@ impl DepthTrainer {
             loss += value * f64::from(share);
             sum.iter_mut().zip(gradient).for_each(|(sum, g)| *sum += share * g);
         }
-        let gradient = length(&sum);
-        let lr = self.config.rates.of_step(self.step, self.config.steps);
-        let skipped = !(loss.is_finite() && gradient.is_finite());
-        if skipped {
-            self.skipped += 1;
-        } else {
-            let factor = (f64::from(self.config.rates.clip) / gradient).min(1.0) as f32;
-            sum.iter_mut().for_each(|g| *g *= factor);
-            self.adam.update(&mut self.weights.values, &sum, lr);
-        }
+        let at = (self.step, self.config.steps);
+        let Taken { lr, gradient, skipped } =
+            self.adam.step(&self.config.rates, at, &mut self.weights.values, sum, loss);
+        self.skipped += usize::from(skipped);
         self.step += 1;
         let seconds = begin.elapsed().as_secs_f64();
         Ok(DepthRecord { step: self.step, loss, lr, gradient, seconds, skipped })
