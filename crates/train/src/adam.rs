@@ -114,7 +114,7 @@ pub(crate) struct Taken {
 }
 
 /// Euclidean length, in f64 and in order.
-fn length(gradients: &[f32]) -> f64 {
+pub(crate) fn length(gradients: &[f32]) -> f64 {
     gradients.iter().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>().sqrt()
 }
 

@@ -1,4 +1,5 @@
 use super::*;
+use crate::adam::length;
 use attn_head::{Kind, OUTPUTS, WIDTH};
 use scene_windows::{Plan, SimulatedScene};
 use sparsesplat::{Backbone, Predictor};
