@@ -8,6 +8,9 @@ use sparsesplat::{Counts, ExposureGain, Stage, StageSeconds};
 /// Wall time, seconds, by stage. A stage that did not run took 0.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seconds {
+    /// Estimating the poses of the photographs, where that was asked for.
+    #[serde(default)]
+    pub poses: f64,
     /// Reading, undistorting and resizing photographs; of `reconstruct` also reading weights. Where several windows are run, weights are
     /// read once before them, in no window's time.
     pub load: f64,
@@ -29,7 +32,7 @@ impl Seconds {
     pub fn by_name(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
         let pass = Stage::ALL.map(|stage| (stage.name(), self.stages[stage]));
         let after = [("refine", self.refine), ("write", self.write), ("render", self.render)];
-        [("load", self.load)].into_iter().chain(pass).chain(after)
+        [("poses", self.poses), ("load", self.load)].into_iter().chain(pass).chain(after)
     }
 
     fn mean(all: &[Self]) -> Self {
@@ -39,6 +42,7 @@ impl Seconds {
     /// Every time from the way to read it off.
     pub fn of_each(value: impl Fn(&dyn Fn(&Self) -> f64) -> f64) -> Self {
         Self {
+            poses: value(&|s| s.poses),
             load: value(&|s| s.load),
             stages: StageSeconds::of_each(|stage| value(&|s| s.stages[stage])),
             refine: value(&|s| s.refine),

@@ -76,11 +76,13 @@ pub struct Rates {
     pub colour: f32,
     /// Of the SH coefficients of higher degrees.
     pub sh: f32,
+    /// Of the cameras, pixels; 0 leaves them where they are. For poses that are estimates.
+    pub pose: f32,
 }
 
 impl Default for Rates {
     fn default() -> Self {
-        Self { mean: 0.7, rotation: 0.07, scale: 0.15, opacity: 0.15, colour: 0.02, sh: 0.002 }
+        Self { mean: 0.7, rotation: 0.07, scale: 0.15, opacity: 0.15, colour: 0.02, sh: 0.002, pose: 0.0 }
     }
 }
 
@@ -113,7 +115,7 @@ pub enum ColourTerm {
 impl Config {
     /// Whether every setting lies in its range; the comparisons are written so that NaN fails them.
     pub(crate) fn check(&self) -> Result<()> {
-        let Rates { mean, rotation, scale, opacity, colour, sh } = self.rates;
+        let Rates { mean, rotation, scale, opacity, colour, sh, pose } = self.rates;
         let rates = [
             ("rates.mean", mean),
             ("rates.rotation", rotation),
@@ -121,6 +123,7 @@ impl Config {
             ("rates.opacity", opacity),
             ("rates.colour", colour),
             ("rates.sh", sh),
+            ("rates.pose", pose),
         ];
         let rates = rates.map(|(name, rate)| {
             (name, f64::from(rate), (0.0..=1e3).contains(&rate), "a number from 0 to 1000")
@@ -174,6 +177,7 @@ mod tests {
             ("smallest_gain", Config { smallest_gain: f64::NAN, ..good }),
             ("loss.dssim", Config { loss: Loss { dssim: 1.5, ..good.loss }, ..good }),
             ("rates.mean", Config { rates: Rates { mean: f32::NAN, ..good.rates }, ..good }),
+            ("rates.pose", Config { rates: Rates { pose: f32::INFINITY, ..good.rates }, ..good }),
             ("rates.sh", Config { rates: Rates { sh: -1.0, ..good.rates }, ..good }),
         ];
         for (expected, config) in bad {

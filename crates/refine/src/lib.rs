@@ -12,11 +12,13 @@ mod half;
 mod limits;
 mod loss;
 mod objective;
+mod poses;
 mod schedule;
 
 pub use config::{ColourTerm, Config, Loss, Rates, Stop};
 pub use error::{Error, Result};
 pub use exposure::Exposure;
+pub use poses::PoseChange;
 pub use refine::{Refined, refine};
 pub use report::{Report, Step, StepRecord, Stopped};
 

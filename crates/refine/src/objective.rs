@@ -3,7 +3,7 @@
 use crate::loss::{Compared, Target};
 use crate::{Exposure, Loss, Result};
 use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, near_plane};
-use gs_scene::{Gaussians, View};
+use gs_scene::{Camera, Gaussians, View};
 use image_metrics::SsimScratch;
 
 /// How far a scene is from photographs, view by view.
@@ -48,18 +48,22 @@ impl<'a> Objective<'a> {
         Ok(compared.map_or((Exposure::NONE, f64::NAN), |compared| (compared.fit, compared.psnr)))
     }
 
-    /// Renders a view, compares and differentiates; `None` if the picture is beyond comparison. Derivatives,
+    /// The camera of a view, as it was given.
+    pub(crate) fn camera(&self, view: usize) -> &Camera {
+        self.views[view].camera()
+    }
+
+    /// Renders a view from where its camera is now, compares and differentiates; `None` if the picture is beyond comparison. Derivatives,
     /// not the value, are multiplied by `weight`.
     pub(crate) fn differentiate(
         &mut self,
         scene: &Gaussians,
-        view: usize,
+        (view, camera): (usize, &Camera),
         exposure: Exposure,
         weight: f32,
         rasterizer: &mut Rasterizer,
     ) -> Result<Option<OfView>> {
-        let camera = std::slice::from_ref(self.views[view].camera());
-        let (renderings, tape) = rasterizer.record(scene, camera, &self.settings)?;
+        let (renderings, tape) = rasterizer.record(scene, std::slice::from_ref(camera), &self.settings)?;
         let image = renderings[0].image.data();
         let target = &self.targets[view];
         let compared = target.compare(image, exposure, self.loss, weight, &mut self.scratch);
@@ -90,8 +94,10 @@ mod tests {
             let (mut value, mut geometry, mut sh) =
                 (0.0, vec![0.0; scene.geometry().len()], vec![0.0; scene.sh().len()]);
             for view in 0..views.len() {
-                let found =
-                    objective.differentiate(scene, view, exposure, 0.5, &mut rasterizer).unwrap().unwrap();
+                let found = objective
+                    .differentiate(scene, (view, views[view].camera()), exposure, 0.5, &mut rasterizer)
+                    .unwrap()
+                    .unwrap();
                 value += 0.5 * found.compared.loss;
                 geometry.iter_mut().zip(&found.gradients.geometry).for_each(|(a, b)| *a += f64::from(*b));
                 sh.iter_mut().zip(&found.gradients.sh).for_each(|(a, b)| *a += f64::from(*b));

@@ -5,11 +5,12 @@ use crate::exposure::Exposures;
 use crate::half::{half_size, low_pass};
 use crate::limits::{Limits, row_rates};
 use crate::objective::{Objective, OfView};
+use crate::poses::Poses;
 use crate::schedule::{Turns, decay};
 use crate::{Config, Error, Exposure, Report, Result, Step, StepRecord, Stopped};
 use cpu_kernels::Isa;
 use gs_raster::{Gradients, Rasterizer, RenderSettings};
-use gs_scene::{Gaussians, View, sh_coefficients, sigmoid};
+use gs_scene::{Camera, Gaussians, View, sh_coefficients, sigmoid};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
@@ -27,6 +28,8 @@ const PATIENCE: usize = 10;
 pub struct Refined {
     /// The scene, in the order of the input without [`Report::pruned`].
     pub gaussians: Gaussians,
+    /// The camera of each view: as it was given, unless [`Rates::pose`](crate::Rates::pose) is above 0.
+    pub cameras: Vec<Camera>,
     /// What happened.
     pub report: Report,
 }
@@ -95,7 +98,10 @@ pub fn refine(
     if work.exposures.fitted {
         report.exposure = work.exposures.all();
     }
-    Ok(Refined { gaussians, report })
+    report.poses = work.poses.all();
+    let cameras =
+        views.iter().enumerate().map(|(view, given)| work.poses.moved(view, given.camera())).collect();
+    Ok(Refined { gaussians, cameras, report })
 }
 
 /// The rounds over all views so far.
@@ -133,6 +139,7 @@ struct Work<'a> {
     /// The same with views of half the size, as long as these are compared.
     coarse: Option<Objective<'a>>,
     exposures: Exposures,
+    poses: Poses,
     limits: Vec<Limits>,
     geometry_moments: Moments,
     sh_moments: Moments,
@@ -168,6 +175,7 @@ impl<'a> Work<'a> {
             objective,
             coarse,
             exposures: Exposures::new(at_start),
+            poses: Poses::new(&gaussians, views, config.rates.pose),
             limits: Limits::of_scene(&gaussians, views),
             geometry_moments: Moments::new(gaussians.geometry().len()),
             sh_moments: Moments::new(gaussians.sh().len()),
@@ -206,12 +214,16 @@ impl<'a> Work<'a> {
         let weight = 1.0 / chosen.len() as f32;
         let mut sum: Option<Gradients> = None;
         let mut compared_views = Vec::with_capacity(chosen.len());
+        let mut poses = Vec::with_capacity(chosen.len());
         let mut loss = 0.0;
         for &view in chosen {
             let exposure = self.exposures.of(view);
             let objective = self.coarse.as_mut().unwrap_or(&mut self.objective);
-            let found = objective.differentiate(&self.gaussians, view, exposure, weight, rasterizer)?;
+            let camera = self.poses.moved(view, objective.camera(view));
+            let found =
+                objective.differentiate(&self.gaussians, (view, &camera), exposure, weight, rasterizer)?;
             let Some(OfView { compared, gradients }) = found else { return Ok(None) };
+            poses.extend(gradients.poses.first().map(|gradient| (view, camera, *gradient)));
             loss += compared.loss * f64::from(weight);
             compared_views.push((view, compared));
             match &mut sum {
@@ -232,6 +244,7 @@ impl<'a> Work<'a> {
         }
         self.updates += 1;
         self.update(&gradients, factor);
+        self.poses.update(&poses, factor);
         Ok(Some(loss))
     }
 

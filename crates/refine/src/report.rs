@@ -1,4 +1,4 @@
-use crate::Exposure;
+use crate::{Exposure, PoseChange};
 use gs_raster::Rasterizer;
 use gs_scene::Gaussians;
 use serde::Serialize;
@@ -16,6 +16,8 @@ pub struct Report {
     pub stopped: Option<Stopped>,
     /// Gain and bias of each view; empty if they were not fitted.
     pub exposure: Vec<Exposure>,
+    /// How far the camera of each view was moved; empty if cameras stayed.
+    pub poses: Vec<PoseChange>,
     /// Positions in the input of the Gaussians that were dropped, ascending.
     #[serde(serialize_with = "as_count")]
     pub pruned: Vec<u32>,

@@ -2,6 +2,7 @@
 
 use crate::simulated::{SimulatedScene, description, simulated_window};
 use crate::{Dropped, Error, Result, Window};
+use gs_scene::Camera;
 use serde::Serialize;
 use sparsesplat::DepthRange;
 use std::path::{Path, PathBuf};
@@ -9,7 +10,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 use view_data::{
     Dataset, Format, SceneDepth, estimate_scene_depth, open, open_all, read_index, select_views,
-    windows_along,
+    windows_along, windows_around,
 };
 
 /// A window that is known by name and not yet loaded.
@@ -206,6 +207,48 @@ impl Plan {
         Ok((plans, dropped))
     }
 
+    /// Windows to train on: one about every frame ([`view_data::windows_around`]) of the scene in a folder, or of the scenes below it.
+    /// Pictures keep their shape and are scaled down to about `pixels` pixels. Index files are not looked at: what is in them is for
+    /// evaluations. Scenes and windows that are left out are returned as dropped.
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub fn around_frames(
+        root: &Path,
+        views: usize,
+        pixels: usize,
+        format: Option<Format>,
+    ) -> Result<(Vec<Self>, Vec<Dropped>)> {
+        let found = open_all(root, format)?;
+        let (mut plans, mut dropped) = (Vec::new(), dropped_scenes(found.dropped));
+        for dataset in found.scenes {
+            let name = dataset.name.clone();
+            match Self::around_frames_of(dataset, views, pixels) {
+                Ok((found, left_out)) => {
+                    plans.extend(found);
+                    dropped.extend(left_out);
+                }
+                Err(error) => dropped.push(Dropped::new(&name, &error)),
+            }
+        }
+        Ok((plans, dropped))
+    }
+
+    fn around_frames_of(dataset: Dataset, views: usize, pixels: usize) -> Result<(Vec<Self>, Vec<Dropped>)> {
+        let (present, cameras, depth) = surveyed(&dataset, views)?;
+        let (mut windows, dropped) = windows_around(&dataset.name, &cameras, views, depth)?;
+        let (width, height) = cameras.first().map_or((1, 1), |camera| (camera.width(), camera.height()));
+        let scale = (pixels as f64 / (width * height) as f64).sqrt().min(1.0);
+        let size = [width, height].map(|side| ((side as f64 * scale).round() as usize).max(1));
+        let reading = Reading { size: Some((size[0], size[1])), ..Reading::default() };
+        let dataset = Arc::new(dataset);
+        for window in &mut windows {
+            window.context.iter_mut().chain(&mut window.target).for_each(|at| *at = present[*at]);
+        }
+        let plans = windows.iter().map(|window| Self::of_window(window, &dataset, reading));
+        Ok((plans.collect::<Result<_>>()?, dropped_scenes(dropped)))
+    }
+
     fn of_scene(dataset: Dataset, windows: Windows, reading: Reading) -> Result<(Vec<Self>, Vec<Dropped>)> {
         let dataset = Arc::new(dataset);
         let index = dataset.root.join(INDEX);
@@ -383,6 +426,16 @@ fn along(
     views: usize,
     count: usize,
 ) -> Result<(Vec<view_data::Window>, Vec<view_data::Dropped>)> {
+    let (present, cameras, depth) = surveyed(dataset, views)?;
+    let (mut windows, dropped) = windows_along(&dataset.name, &cameras, views, count, depth)?;
+    for window in &mut windows {
+        window.context.iter_mut().chain(&mut window.target).for_each(|at| *at = present[*at]);
+    }
+    Ok((windows, dropped))
+}
+
+/// Positions and cameras of the frames that are there, and the depth of the scene.
+fn surveyed(dataset: &Dataset, views: usize) -> Result<(Vec<usize>, Vec<Camera>, SceneDepth)> {
     let present = dataset.present();
     let cameras = present.iter().map(|&at| dataset.camera(at)).collect::<view_data::Result<Vec<_>>>()?;
     let depth = match dataset.measured_depth()? {
@@ -393,11 +446,7 @@ fn along(
             views,
         })?,
     };
-    let (mut windows, dropped) = windows_along(&dataset.name, &cameras, views, count, depth)?;
-    for window in &mut windows {
-        window.context.iter_mut().chain(&mut window.target).for_each(|at| *at = present[*at]);
-    }
-    Ok((windows, dropped))
+    Ok((present, cameras, depth))
 }
 
 fn dropped_scenes(entries: Vec<view_data::Dropped>) -> Vec<Dropped> {

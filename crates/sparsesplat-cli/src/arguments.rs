@@ -6,7 +6,7 @@ use crate::given::Given;
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use evaluate::{Lpips, Method};
-use refine::Stop;
+use refine::{Rates, Stop};
 use sparsesplat::{Allocation, Budget, Config, DepthRange, Exposure, Head, Sampler};
 use std::path::{Path, PathBuf};
 
@@ -100,6 +100,9 @@ pub(crate) struct Pipeline {
         hide_short_help = true
     )]
     pub(crate) refine_seconds: Option<f64>,
+    /// With refinement: move the cameras of the photographs too, for poses that are estimates
+    #[arg(long, help_heading = "Refinement", hide_short_help = true)]
+    pub(crate) refine_poses: bool,
 }
 
 /// The weights of LPIPS.
@@ -208,6 +211,9 @@ impl AllocationName {
     }
 }
 
+/// Step size of cameras where they are moved, pixels.
+const POSE_RATE: f32 = 0.1;
+
 impl Pipeline {
     /// Photographs to Gaussians, refinement included.
     pub(crate) fn method(&self, seed: u64, given: &Given) -> Outcome<Method> {
@@ -217,7 +223,12 @@ impl Pipeline {
             (None, Some(seconds)) => Some(Stop::Seconds(seconds)),
             (None, None) => None,
         };
-        let refine = stop.map(|stop| refine::Config { stop, seed, ..refine::Config::default() });
+        if stop.is_none() {
+            given.refuse(&["refine-poses"], "cameras are moved by refinement: give --refine STEPS")?;
+        }
+        let pose = if self.refine_poses { POSE_RATE } else { 0.0 };
+        let rates = Rates { pose, ..Rates::default() };
+        let refine = stop.map(|stop| refine::Config { stop, seed, rates, ..refine::Config::default() });
         Ok(Method { refine, ..Method::feed_forward(self.config(seed)?) })
     }
 
@@ -299,6 +310,12 @@ pub(crate) fn gaussians(text: &str) -> Result<usize, String> {
 /// A whole number above 0.
 pub(crate) fn positive(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&number| number > 0).ok_or_else(|| "expected a whole number above 0".to_owned())
+}
+
+/// A share of something that leaves room for the rest.
+pub(crate) fn share(text: &str) -> Result<f64, String> {
+    let share = text.parse().ok().filter(|share| (0.0..1.0).contains(share));
+    share.ok_or_else(|| "expected a number from 0 to below 1".to_owned())
 }
 
 /// A number of threads: some more than the cores, so that results can be compared, but not so many that starting them takes longer

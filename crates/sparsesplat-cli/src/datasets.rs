@@ -54,7 +54,7 @@ impl Dataset {
             );
         }
         given.refuse(
-            &["root", "index", "views", "windows"],
+            &["root", "index", "views", "windows", "simulated-share"],
             if given.has("dataset") {
                 "it is for data sets on disk, and --dataset simulated needs none: give --dataset LAYOUT, such as nerfstudio or colmap"
             } else {

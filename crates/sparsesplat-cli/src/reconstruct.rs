@@ -143,7 +143,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let seconds = &mut outcome.figures.figures.seconds;
     seconds.write = begin.elapsed().as_secs_f64();
     seconds.load += reading;
-    seconds.total += reading + seconds.write + poses.as_ref().map_or(0.0, |poses| poses.seconds);
+    seconds.poses = poses.as_ref().map_or(0.0, |poses| poses.seconds);
+    seconds.total += seconds.poses + reading + seconds.write;
 
     let peak = peak_rss_bytes();
     let recipe = crate::recipe(arguments.seed, &method);

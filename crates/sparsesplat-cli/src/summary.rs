@@ -137,6 +137,10 @@ pub(crate) fn refinement_line(figures: &WindowFigures) -> Option<String> {
     if report.stopped == Some(refine::Stopped::NothingGained) {
         line += "; stopped, nothing more was gained";
     }
+    if !report.poses.is_empty() {
+        let largest = report.poses.iter().fold(0.0f64, |largest, change| largest.max(change.degrees));
+        line += &format!("; cameras turned by up to {largest:.2} degrees");
+    }
     if report.undone > 0 {
         line += &format!("; {} steps were not finite and undone", report.undone);
     }

@@ -1,6 +1,6 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, Device, LpipsWeights, positive, scenes, size};
+use crate::arguments::{Common, Device, LpipsWeights, positive, scenes, share, size};
 use crate::datasets::Dataset;
 use crate::depth_source::DepthSource;
 use crate::device::{self, UsedDevice};
@@ -19,7 +19,7 @@ use evaluate::{Recipe, peak_rss_bytes};
 use gs_scene::Image;
 use report::training_plot;
 use report_parts::Picture;
-use scene_windows::{Plan, Reading, Windows};
+use scene_windows::Plan;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sparsesplat::Predictor;
@@ -43,7 +43,8 @@ use train::{Cases, Config, Look, Ranks, Score, Trainer};
     sparsesplat train -o mean --config none.ron --from a.safetensors --from b.safetensors\n  \
     \x20                                                              the mean of two runs; none.ron is (steps: 0), and for runs without\n  \
     \x20                                                              feedback (steps: 0, feedback: false)\n  \
-    sparsesplat train -o run --dataset nerfstudio --root photographs --size 240x160\n\n\
+    sparsesplat train -o run --dataset nerfstudio --root photographs --simulated-share 0.4\n  \
+    \x20                                                              60 % of the passes see the photographs of the scenes in a folder\n\n\
     A configuration is a RON file. Settings that it leaves out have the defaults, which --print-config prints.")]
 pub(crate) struct Arguments {
     /// Output folder for checkpoint, weights, log, curve and pictures
@@ -86,16 +87,19 @@ pub(crate) struct Data {
     /// Folder of one scene, or of several scenes
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
-    /// With simulated: number of generated scenes
+    /// With a data set on disk: share of the passes that see simulated scenes, 0 to below 1
+    #[arg(long, value_name = "SHARE", value_parser = share, default_value_t = 0.5)]
+    simulated_share: f64,
+    /// Number of generated scenes
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 240)]
     scenes: usize,
-    /// With simulated: number of additional scenes in the wild: wider baselines, varying exposure, noise, slightly wrong poses, woods
+    /// Number of additional generated scenes in the wild: wider baselines, varying exposure, noise, slightly wrong poses, woods
     #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0)]
     wild_scenes: usize,
-    /// With simulated: seed of the first scene; the scenes of `eval` start at 0 and must stay unseen
+    /// Seed of the first generated scene; the scenes of `eval` start at 0 and must stay unseen
     #[arg(long, value_name = "SEED", default_value_t = 1000, hide_short_help = true)]
     first_seed: u64,
-    /// Size of the pictures
+    /// Size of the pictures; photographs keep their shape and are scaled down to about as many pixels
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "240x160")]
     size: (usize, usize),
     /// Cache folder for windows with their depth and features
@@ -107,10 +111,19 @@ pub(crate) struct Data {
 
 /// Steps between two checkpoints: some minutes' work at most is lost.
 pub(crate) const SAVE_EVERY: usize = 50;
+/// Context views of a window of photographs.
+const VIEWS: usize = 6;
 /// Densities that are validated.
 const DENSITIES: [f64; 2] = [0.02, 0.1];
 /// First seed of the scenes to validate on.
 pub(crate) const VALIDATION_SEED: u64 = 500;
+
+/// Windows to train on.
+pub(crate) struct Sources {
+    /// Of generated scenes; may be none beside photographs.
+    simulated: Vec<Plan>,
+    photographs: Option<Vec<Plan>>,
+}
 
 /// A line of the log of a validation.
 #[derive(Serialize)]
@@ -155,10 +168,12 @@ fn run_on(ranks: &Arc<Ranks>, config: Config, arguments: &Arguments, common: &Co
     let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
     data.keep_unseen(&held_out, "validated")?;
     let mut run = Run::begin(folder, arguments.save_every, arguments.resume, ranks)?;
-    let plans = data.plans(&common.given)?;
-    outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
-    let cases = ranks.first_before_others(|| data.cases(&plans))?;
-    let validation = ranks.is_first().then(|| data.cases(&simulated(held_out, data.size))).transpose()?;
+    let sources = data.sources(&common.given)?;
+    outputs
+        .spare(files_of(sources.photographs.as_deref().unwrap_or_default()).iter().map(PathBuf::as_path))?;
+    let cases = ranks.first_before_others(|| data.cases(&sources))?;
+    let held_out = Sources { simulated: simulated(held_out, data.size), photographs: None };
+    let validation = ranks.is_first().then(|| data.cases(&held_out)).transpose()?;
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
     let (windows, data_sha256) = (cases.len(), cases.sha256().to_owned());
     let rasterizer = device::rasterizer(common.device)?;
@@ -286,9 +301,10 @@ impl Run<'_> {
 
 impl Data {
     /// Windows with what the backbone says of them, from the cache or made.
-    pub(crate) fn cases(&self, plans: &[Plan]) -> Outcome<Cases> {
+    pub(crate) fn cases(&self, sources: &Sources) -> Outcome<Cases> {
         output::check_folder(&self.cache)?;
-        let progress = Progress::new(plans.len());
+        let Sources { simulated, photographs } = sources;
+        let progress = Progress::new(simulated.len() + photographs.as_ref().map_or(0, Vec::len));
         progress.say("preparing windows");
         let (backbone, head) = self.source.resolve()?;
         if let Some(head) = head {
@@ -303,7 +319,11 @@ impl Data {
             }
             progress.step();
         };
-        Cases::open(plans, &predictor, &self.cache, on_case).or_work()
+        let mut open = |plans: &[Plan]| Cases::open(plans, &predictor, &self.cache, on_case).or_work();
+        let Some(photographs) = photographs else { return open(simulated) };
+        let photographs = open(photographs)?;
+        let share = self.simulated_share;
+        if share > 0.0 { Ok(photographs.mixed_with(open(simulated)?, share)) } else { Ok(photographs) }
     }
 
     /// Seeds of the generated scenes to train on: of those as they are, and of those in the wild.
@@ -312,29 +332,42 @@ impl Data {
         [self.first_seed..wild, wild..wild.saturating_add(self.wild_scenes as u64)]
     }
 
+    /// Whether generated scenes are trained on.
+    fn simulates(&self) -> bool {
+        self.dataset == Dataset::Simulated || self.simulated_share > 0.0
+    }
+
     /// Refuses to train on generated scenes that something else is to be measured on.
     pub(crate) fn keep_unseen(&self, held_out: &Range<u64>, done: &str) -> Outcome {
         let [clean, wild] = self.seeds();
         let ours = clean.start..wild.end;
-        if self.dataset == Dataset::Simulated { keep_apart(ours, held_out, done) } else { Ok(()) }
+        if self.simulates() { keep_apart(ours, held_out, done) } else { Ok(()) }
     }
 
     /// The windows that are asked for.
-    pub(crate) fn plans(&self, given: &Given) -> Outcome<Vec<Plan>> {
-        self.dataset.refuse_without_effect(given)?;
-        if self.dataset == Dataset::Simulated {
-            let [clean, wild] = self.seeds();
-            let mut plans = simulated(clean, self.size);
-            plans.extend(in_the_wild(wild, self.size));
-            return Ok(plans);
+    pub(crate) fn sources(&self, given: &Given) -> Outcome<Sources> {
+        if self.dataset == Dataset::Simulated || !self.simulates() {
+            self.dataset.refuse_without_effect(given)?;
         }
+        let mut generated = Vec::new();
+        if self.simulates() {
+            let [clean, wild] = self.seeds();
+            generated.extend(simulated(clean, self.size));
+            generated.extend(in_the_wild(wild, self.size));
+        }
+        let photographs = (self.dataset != Dataset::Simulated).then(|| self.photographs()).transpose()?;
+        Ok(Sources { simulated: generated, photographs })
+    }
+
+    fn photographs(&self) -> Outcome<Vec<Plan>> {
         let Some(root) = &self.root else {
             let explanation = self.dataset.explanation();
             return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
         };
-        let reading = Reading { format: self.dataset.format(root), size: Some(self.size), depth_hint: false };
-        let (plans, dropped) = Plan::below(root, Windows { views: 6, along: None, index: true }, reading)
-            .map_err(Failure::sorted)?;
+        let (width, height) = self.size;
+        let format = self.dataset.format(root);
+        let (plans, dropped) =
+            Plan::around_frames(root, VIEWS, width * height, format).map_err(Failure::sorted)?;
         for dropped in dropped {
             warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
         }

@@ -33,7 +33,7 @@ impl Report {
         let seconds = &self.outcome.figures.seconds;
         let dict = PyDict::new(py);
         // Nothing is written or rendered here.
-        let stages = seconds.by_name().filter(|(stage, _)| !matches!(*stage, "write" | "render"));
+        let stages = seconds.by_name().filter(|(stage, _)| !matches!(*stage, "poses" | "write" | "render"));
         for (stage, seconds) in stages.chain([("total", seconds.total)]) {
             dict.set_item(stage, seconds)?;
         }

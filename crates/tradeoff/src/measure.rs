@@ -163,6 +163,7 @@ pub(super) fn measure(
     let mut stages = prediction.seconds;
     stages[Stage::Backbone] = survey.seconds;
     let seconds = Seconds {
+        poses: 0.0,
         load: window.load_seconds,
         stages,
         refine: refining.seconds,

@@ -1,14 +1,16 @@
 //! Windows with cached depth and features of the frozen backbone, on disk: ray tracing and stereo take seconds, a training
 //! step less.
 
+use crate::draw::{Stream, bits, unit};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, DepthMap, Image, Intrinsics, View};
 use safetensors::tensor::Dtype;
-use scene_windows::{GeometryCache, Plan, Window, hexadecimal};
+use scene_windows::{GeometryCache, Plan, Window, hexadecimal, scene_of};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use sparsesplat::{Geometry, Predictor, Wanted};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
@@ -29,15 +31,36 @@ pub struct Case {
     pub targets: Vec<View>,
     /// What the backbone says of the context views, with features.
     pub geometry: Geometry,
+    /// Whether the views are photographs: those have exposures that nobody knows, and show what no context view does.
+    pub photographs: bool,
 }
 
 /// Windows to train on: the views of each in a file of the cache, and in another, which evaluations share, what the backbone says of them.
 #[derive(Debug, Clone)]
 pub struct Cases {
-    /// File of views, and the backbone as it sees them.
-    files: Vec<(PathBuf, Predictor)>,
+    kept: Vec<KeptCase>,
     geometry: GeometryCache,
+    /// Where passes draw their windows.
+    sources: Vec<Source>,
     hash: String,
+}
+
+/// A window in the cache.
+#[derive(Debug, Clone)]
+struct KeptCase {
+    views: PathBuf,
+    /// The backbone as it sees them.
+    predictor: Predictor,
+    photographs: bool,
+}
+
+/// Windows that a share of the passes draws from.
+#[derive(Debug, Clone)]
+struct Source {
+    /// Above 0.
+    share: f64,
+    /// The windows of each scene. A scene is drawn, then one of its windows: what was photographed often does not count for more.
+    scenes: Vec<Range<usize>>,
 }
 
 /// What does not fit a tensor.
@@ -73,7 +96,8 @@ impl Cases {
         }
         let geometry = GeometryCache { folder: cache.to_path_buf() };
         let backbone = predictor.backbone_identity();
-        let mut files = Vec::with_capacity(plans.len());
+        let mut kept = Vec::with_capacity(plans.len());
+        let mut scenes: Vec<(String, Range<usize>)> = Vec::new();
         let mut all = Sha256::new();
         let mut insufficient = None;
         for plan in plans {
@@ -109,25 +133,60 @@ impl Cases {
                 };
             }
             all.update(format!("{key}\n{backbone} {depth_range:?}").as_bytes());
-            files.push((file, predictor));
+            match scenes.last_mut() {
+                Some((scene, windows)) if scene == scene_of(&views.name) => windows.end += 1,
+                _ => scenes.push((scene_of(&views.name).to_owned(), kept.len()..kept.len() + 1)),
+            }
+            kept.push(KeptCase { views: file, predictor, photographs: plan.choice().is_some() });
             on_case(&views.name, None);
         }
-        if let (true, Some(error)) = (files.is_empty(), insufficient) {
+        if let (true, Some(error)) = (kept.is_empty(), insufficient) {
             return Err(error.into());
         }
-        Ok(Self { files, geometry, hash: hexadecimal(&all.finalize()) })
+        let scenes = scenes.into_iter().map(|(_, windows)| windows).collect();
+        let sources = vec![Source { share: 1.0, scenes }];
+        Ok(Self { kept, geometry, sources, hash: hexadecimal(&all.finalize()) })
+    }
+
+    /// These and `others`, of which passes draw a `share`, above 0 and below 1. Of both the cache folder must be the same.
+    #[must_use]
+    pub fn mixed_with(mut self, others: Self, share: f64) -> Self {
+        assert!(share > 0.0 && share < 1.0 && self.geometry == others.geometry, "a share of the same cache");
+        let before = self.kept.len();
+        self.sources.iter_mut().for_each(|source| source.share *= 1.0 - share);
+        for Source { share: own, scenes } in others.sources {
+            let scenes = scenes.into_iter().map(|windows| windows.start + before..windows.end + before);
+            self.sources.push(Source { share: own * share, scenes: scenes.collect() });
+        }
+        self.kept.extend(others.kept);
+        let all = format!("{}\n{}\n{share}", self.hash, others.hash);
+        self.hash = hexadecimal(&Sha256::digest(all));
+        self
+    }
+
+    /// The window of the `pass`-th pass of a run.
+    pub(crate) fn drawn(&self, seed: u64, pass: usize) -> usize {
+        let mut left = unit(seed, Stream::Source, pass);
+        let beyond = |source: &&Source| {
+            left -= source.share;
+            left < 0.0
+        };
+        let source = self.sources.iter().find(beyond).or(self.sources.last()).expect("one at least");
+        let below = |stream, n: usize| (bits(seed, stream, pass) % n as u64) as usize;
+        let windows = &source.scenes[below(Stream::Case, source.scenes.len())];
+        windows.start + below(Stream::Window, windows.len())
     }
 
     /// Number of cases.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.files.len()
+        self.kept.len()
     }
 
     /// Whether there are none; never.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.files.is_empty()
+        self.kept.is_empty()
     }
 
     /// SHA-256 of what decides the content of all of them.
@@ -141,10 +200,10 @@ impl Cases {
     /// # Errors
     /// If a file is gone or broken.
     pub fn read(&self, index: usize) -> Result<Case> {
-        let (file, predictor) = &self.files[index];
-        let Views { name, context, targets } = Views::read(file)?;
+        let KeptCase { views, predictor, photographs } = &self.kept[index];
+        let Views { name, context, targets } = Views::read(views)?;
         let geometry = self.geometry.geometry(&name, &context, predictor, Wanted::DepthAndFeatures)?;
-        Ok(Case { name, context, targets, geometry })
+        Ok(Case { name, context, targets, geometry, photographs: *photographs })
     }
 }
 

@@ -12,6 +12,8 @@ pub(crate) enum Stream {
     Colours = 7,
     Crop = 8,
     Mirror = 9,
+    Source = 10,
+    Window = 11,
 }
 
 /// SplitMix64 (Steele, Lea & Flood 2014).

@@ -11,6 +11,7 @@ mod error;
 mod loss;
 mod net;
 mod ops;
+mod photographs;
 mod ranks;
 mod recolour;
 mod trainer;

@@ -94,7 +94,7 @@ mod tests {
         let config = Config { backbone: Backbone::GivenDepth, ..Config::default() };
         let predictor = Predictor::new(config).unwrap();
         let geometry = predictor.geometry_with(&context, Wanted::DepthAndFeatures).unwrap();
-        Case { name: "c".to_owned(), context, targets: vec![picture(0.2)], geometry }
+        Case { name: "c".to_owned(), context, targets: vec![picture(0.2)], geometry, photographs: false }
     }
 
     #[test]

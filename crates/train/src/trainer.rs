@@ -8,7 +8,7 @@ use crate::loss::{Loss, clipped_mse};
 use crate::net::Net;
 use crate::ops::{Decode, Render, lock, values};
 use crate::recolour::recoloured;
-use crate::{Case, Cases, Config, Error, Ranks, Result};
+use crate::{Case, Cases, Config, Error, Ranks, Result, photographs};
 use attn_head::{LAST_LAYER, Layout, OUTPUTS, Weights};
 use candle_core::{Device, Tensor, Var};
 use gs_raster::{Rasterizer, RenderSettings, near_plane};
@@ -316,7 +316,7 @@ impl Trainer {
     /// Loss and gradient of the `index`-th pass of the run.
     fn pass(&self, index: usize) -> Result<Pass> {
         let seed = self.config.seed;
-        let case = self.cases.read((bits(seed, Stream::Case, index) % self.cases.len() as u64) as usize)?;
+        let case = self.cases.read(self.cases.drawn(seed, index))?;
         let mut case = recoloured(case, self.config.recolour, bits(seed, Stream::Colours, index))?;
         let disturbance = bits(seed, Stream::Disturbance, index);
         case.geometry.views = disturbed(case.geometry.views, self.config.depth_error, disturbance)?;
@@ -325,11 +325,9 @@ impl Trainer {
         let anchored = self.anchored(&case, density, bits(seed, Stream::Sampling, index))?;
         let targets = some(seed, Stream::Target, index, case.targets.len(), self.config.targets);
         let contexts = some(seed, Stream::Context, index, case.context.len(), self.config.contexts);
-        let views: Vec<&View> = targets
-            .into_iter()
-            .map(|i| &case.targets[i])
-            .chain(contexts.into_iter().map(|i| &anchored.views[i]))
-            .collect();
+        let held_out = targets.iter().map(|&i| (&case.targets[i], case.photographs));
+        let views: Vec<(&View, bool)> =
+            held_out.chain(contexts.iter().map(|&i| (&anchored.views[i], false))).collect();
 
         let weights = Var::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
         let feedback = anchored.feedback(self.config.feedback)?;
@@ -342,7 +340,7 @@ impl Trainer {
         let gaussians = outputs.apply_op1(decode)?;
         let mut total: Option<Tensor> = None;
         let mut mse = Vec::new();
-        for view in &views {
+        for &(view, unknown) in &views {
             let render = Render {
                 rasterizer: Arc::clone(&self.rasterizer),
                 camera: *view.camera(),
@@ -350,7 +348,11 @@ impl Trainer {
                 tape: Mutex::default(),
             };
             let picture = gaussians.apply_op1(render)?;
-            mse.push(clipped_mse(&values(&picture)?, view));
+            let rendering = values(&picture)?;
+            let comparable = unknown
+                .then(|| photographs::comparable(view, &rendering, &anchored.views, &case.geometry.views));
+            let view = comparable.as_ref().unwrap_or(view);
+            mse.push(clipped_mse(&rendering, view));
             let loss = Loss::new(view, self.config.lambda, self.lpips.as_ref())?.of(&picture)?;
             total = Some(match total {
                 None => loss,

@@ -346,6 +346,32 @@ fn a_window_without_enough_for_the_backbone_is_named_and_left_out() {
 }
 
 #[test]
+fn sources_are_drawn_by_their_shares_and_scenes_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let open = |size| {
+        let plans = [Plan::simulated(SimulatedScene::Courtyard, size)];
+        let config = sparsesplat::Config { backbone: Backbone::GivenDepth, ..sparsesplat::Config::default() };
+        Cases::open(&plans, &Predictor::new(config).unwrap(), folder.path(), &mut |_, _| {}).unwrap()
+    };
+    let (one, other) = (open((24, 16)), open((48, 32)));
+    assert!((0..50).all(|pass| one.drawn(3, pass) == 0));
+    let both = one.clone().mixed_with(other.clone(), 0.25);
+    assert_eq!((both.len(), both.read(1).unwrap().context[0].image().width()), (2, 48));
+    let drawn = (0..4000).filter(|&pass| both.drawn(3, pass) == 1).count();
+    assert!((900..1100).contains(&drawn), "{drawn}");
+    // Order and share decide what a run makes.
+    let hashes =
+        [&one, &both, &other.clone().mixed_with(one.clone(), 0.25), &one.clone().mixed_with(other, 0.3)]
+            .map(Cases::sha256);
+    assert!((1..4).all(|i| !hashes[..i].contains(&hashes[i])), "{hashes:?}");
+    // Of three sources the shares are those of the whole.
+    let three = both.mixed_with(one, 0.5);
+    let mut counts = [0; 3];
+    (0..4000).for_each(|pass| counts[three.drawn(5, pass)] += 1);
+    assert!((1350..1650).contains(&counts[0]) && (400..600).contains(&counts[1]), "{counts:?}");
+}
+
+#[test]
 fn settings_out_of_range_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let cases = trainer(Config::default(), folder.path()).cases;

@@ -61,7 +61,7 @@ pub use scene_list::{SceneEntry, SceneList};
 pub use select::{Selection, select_views};
 pub use stream::ViewStream;
 pub use tum::{open_tum, open_tum_within};
-pub use windows::windows_along;
+pub use windows::{windows_along, windows_around};
 pub use write::{DatasetWriter, Layout, PictureFormat, PosedFrame, Staging, WriteRule, Written, write_posed};
 
 pub use tensor_files::TorchRule;

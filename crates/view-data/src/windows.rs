@@ -1,7 +1,7 @@
 //! Windows for a data set without an evaluation index: stretches of its path, context and held-out views in turn.
 
 use crate::overlap::shared;
-use crate::{Dropped, Error, Result, SceneDepth, Window};
+use crate::{Dropped, Error, Result, SceneDepth, Window, select_views};
 use gs_scene::Camera;
 
 /// A context view is followed by the last frame that still shares this much of its content with it, 0..1.
@@ -46,6 +46,59 @@ pub fn windows_along(
         }
         let target = chosen.windows(2).map(|pair| pair[0].midpoint(pair[1])).collect();
         windows.push(Window { key, scene: scene.to_owned(), context: chosen, target });
+    }
+    Ok((windows, dropped))
+}
+
+/// A window about every frame, for training: as many as there are, near together and far apart, whatever the order of the frames.
+///
+/// The frames about one are those that share most of their content with it (the lower of the two directions): twice `context` of them
+/// about every other frame, three times `context` about the rest. [`select_views`] chooses the context among them, and its targets are
+/// the window's. Windows with a context that is there already are left out. Keys are `scene/frame`.
+///
+/// # Errors
+/// If `context` is below 2, or the depths are not `0 < near <= median <= far`.
+pub fn windows_around(
+    scene: &str,
+    cameras: &[Camera],
+    context: usize,
+    depth: SceneDepth,
+) -> Result<(Vec<Window>, Vec<Dropped>)> {
+    if context < 2 {
+        return Err(Error::NoViews);
+    }
+    depth.check()?;
+    let (mut windows, mut dropped): (Vec<Window>, _) = (Vec::new(), Vec::new());
+    for frame in 0..cameras.len() {
+        let key = format!("{scene}/{frame}");
+        let share = |other: usize| {
+            let [a, b] = [&cameras[frame], &cameras[other]];
+            shared(a, b, depth).min(shared(b, a, depth))
+        };
+        let mut others: Vec<(f64, usize)> =
+            (0..cameras.len()).filter(|other| *other != frame).map(|other| (share(other), other)).collect();
+        others.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let most = context * (2 + frame % 2);
+        let mut about: Vec<usize> =
+            others.iter().take(most - 1).map(|(_, other)| *other).chain([frame]).collect();
+        about.sort_unstable();
+        let near: Vec<Camera> = about.iter().map(|at| cameras[*at]).collect();
+        let selection = match select_views(&near, context, depth) {
+            Ok(selection) if selection.targets.is_empty() => {
+                dropped.push(Dropped { key, reason: "no frame lies between its context views".to_owned() });
+                continue;
+            }
+            Ok(selection) => selection,
+            Err(error) => {
+                dropped.push(Dropped { key, reason: error.to_string() });
+                continue;
+            }
+        };
+        let [chosen, target] = [selection.context, selection.targets]
+            .map(|positions| positions.into_iter().map(|i| about[i]).collect());
+        if windows.iter().all(|window| window.context != chosen) {
+            windows.push(Window { key, scene: scene.to_owned(), context: chosen, target });
+        }
     }
     Ok((windows, dropped))
 }
@@ -125,5 +178,48 @@ mod tests {
             assert!(windows.is_empty());
         }
         assert!(windows_along("one", &walk_along(0.1, 9), 1, 1, DEPTH).is_err());
+    }
+
+    #[test]
+    fn windows_about_frames_are_connected_and_do_not_depend_on_the_order() {
+        let cameras = walk_along(0.3, 60);
+        let (windows, dropped) = windows_around("hall", &cameras, 4, DEPTH).unwrap();
+        assert!(windows.len() > 30 && dropped.is_empty(), "{} {dropped:?}", windows.len());
+        let mut lengths = Vec::new();
+        for window in &windows {
+            assert_eq!(window.context.len(), 4);
+            let held_out = |target: &usize| !window.context.contains(target);
+            assert!(!window.target.is_empty() && window.target.iter().all(held_out));
+            for pair in window.context.windows(2) {
+                assert!(shared(&cameras[pair[0]], &cameras[pair[1]], DEPTH) >= 0.5);
+            }
+            lengths.push(window.context[3] - window.context[0]);
+        }
+        assert!(lengths.iter().min() < lengths.iter().max(), "near together and far apart: {lengths:?}");
+        // Frames in another order: the same windows, under other names.
+        let turned = |at: usize| (at * 7) % 60;
+        let mut mixed = cameras.clone();
+        (0..60).for_each(|at| mixed[turned(at)] = cameras[at]);
+        let (others, _) = windows_around("hall", &mixed, 4, DEPTH).unwrap();
+        let shared = |window: &Window| {
+            others.iter().any(|other| {
+                let mut there: Vec<usize> = window.context.iter().map(|at| turned(*at)).collect();
+                there.sort_unstable();
+                there == other.context
+            })
+        };
+        assert!(windows.iter().filter(|window| shared(window)).count() > 10);
+    }
+
+    #[test]
+    fn frames_without_company_are_told() {
+        let far = walk_along(40.0, 5);
+        let (windows, dropped) = windows_around("far", &far, 2, DEPTH).unwrap();
+        assert_eq!((windows.len(), dropped.len()), (0, 5));
+        // As many frames as context views: none is left to compare with.
+        let (windows, dropped) = windows_around("few", &walk_along(0.1, 3), 3, DEPTH).unwrap();
+        assert!(windows.is_empty() && dropped[0].reason.contains("between"), "{dropped:?}");
+        assert_eq!(windows_around("none", &[], 2, DEPTH).unwrap(), (vec![], vec![]));
+        assert!(windows_around("one", &far, 1, DEPTH).is_err());
     }
 }

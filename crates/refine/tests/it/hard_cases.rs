@@ -14,7 +14,8 @@ fn run(scene: Gaussians, views: &[View], config: &Config) -> refine::Result<Refi
 
 /// Rates far beyond reason: everything runs into its limits.
 fn wild() -> Config {
-    let rates = Rates { mean: 30.0, rotation: 3.0, scale: 3.0, opacity: 5.0, colour: 2.0, sh: 2.0 };
+    let rates =
+        Rates { mean: 30.0, rotation: 3.0, scale: 3.0, opacity: 5.0, colour: 2.0, sh: 2.0, pose: 2.0 };
     Config { stop: Stop::Steps(25), rates, smallest_gain: 0.0, prune: false, ..Config::default() }
 }
 

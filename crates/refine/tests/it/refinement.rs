@@ -1,10 +1,11 @@
 //! What refinement is for.
 
 use crate::scenes::{cameras, disturbed, photographs, wall};
+use glam::{DMat3, DVec3};
 use gs_raster::Rasterizer;
-use gs_scene::{Gaussians, Image, View};
+use gs_scene::{Camera, Gaussians, Image, View};
 use image_metrics::psnr;
-use refine::{Config, Loss, Refined, Stop, Stopped, refine};
+use refine::{Config, Loss, Rates, Refined, Stop, Stopped, refine};
 
 fn run(scene: &Gaussians, views: &[View], config: &Config) -> Refined {
     refine(scene.clone(), views, config, &mut Rasterizer::cpu(), &mut |_| {}).unwrap()
@@ -48,6 +49,42 @@ fn a_scene_that_is_right_stays_and_stops_early() {
     assert!(quality(&refined.gaussians, &views) > 60.0);
     let never = Config { stop: Stop::Steps(50), smallest_gain: 0.0, ..Config::default() };
     assert_eq!(run(&truth, &views, &never).report.steps.len(), 50);
+}
+
+#[test]
+fn cameras_that_are_off_come_back_where_they_may_move() {
+    let truth = wall(16, 1.0);
+    let right = cameras(4, (64, 48), 1.0);
+    // Every camera turned by a pixel and a half, another way each.
+    let wrong = |(i, camera): (usize, &Camera)| {
+        let by = 1.5 / 64.0 * [1.0, -1.0, 1.0, -1.0][i];
+        let turn = DMat3::from_rotation_y(by) * DMat3::from_rotation_x(if i < 2 { by } else { -by });
+        let (rotation, translation) = (turn * camera.rotation(), turn * camera.translation());
+        Camera::new(*camera.intrinsics(), rotation, translation).unwrap()
+    };
+    let views: Vec<View> = photographs(&truth, &right)
+        .iter()
+        .zip(right.iter().enumerate().map(wrong))
+        .map(|(view, camera)| View::new(view.name(), view.image().clone(), camera, None).unwrap())
+        .collect();
+    let held_out = photographs(&truth, &cameras(7, (64, 48), 1.0));
+    let run_with = |pose| {
+        let rates = Rates { pose, ..Rates::default() };
+        let stop = Stop::Steps(200);
+        run(&disturbed(&truth, 0.3), &views, &Config { stop, rates, smallest_gain: 0.0, ..Config::default() })
+    };
+    let [fixed, moved] = [0.0, 0.1].map(run_with);
+    assert!(fixed.report.poses.is_empty() && fixed.cameras.iter().zip(&views).all(|(a, b)| a == b.camera()));
+    let angle = |found: &Camera, given: &Camera| {
+        let turn = found.rotation() * given.rotation().transpose();
+        turn.x_axis.angle_between(DVec3::X).max(turn.y_axis.angle_between(DVec3::Y)).to_degrees()
+    };
+    let worst = |found: &[Camera]| found.iter().zip(&right).map(|(a, b)| angle(a, b)).fold(0.0, f64::max);
+    let [before, after] = [&fixed, &moved].map(|refined| worst(&refined.cameras));
+    assert!(after < 0.6 * before, "{before} degrees before, {after} after");
+    assert_eq!(moved.report.poses.len(), 4);
+    let [fixed, moved] = [fixed, moved].map(|refined| quality(&refined.gaussians, &held_out));
+    assert!(moved > fixed + 1.0, "{fixed} dB where cameras stay, {moved} dB where they move");
 }
 
 #[test]

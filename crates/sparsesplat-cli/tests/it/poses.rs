@@ -62,7 +62,8 @@ fn photographs_become_a_scene_in_one_go_and_their_poses_serve_again() {
         first.stdout
     );
     let record: serde_json::Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
-    assert!(record["poses"]["seconds"].as_f64().unwrap() > 0.0);
+    let seconds = record["seconds"]["poses"].as_f64().unwrap();
+    assert!(seconds > 0.0 && record["poses"]["seconds"] == seconds && record["seconds"]["total"].as_f64().unwrap() > seconds);
     assert_eq!(record["poses"]["estimate"]["verdict"]["registered"], 11);
     let bytes = fs::read(&scene).unwrap();
     let again = call(&words).succeeded();

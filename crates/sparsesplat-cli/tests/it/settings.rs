@@ -28,8 +28,11 @@ fn settings_of_data_on_disk_are_refused_where_scenes_are_simulated() {
     refused(&[&["eval", "--scenes", "3"], &on_disk[..]].concat(), &["--scenes", "simulated"]);
     refused(&[&["tradeoff", "--quick", "--scenes", "3"], &on_disk[..]].concat(), &["--scenes"]);
     for name in ["--scenes", "--wild-scenes", "--first-seed"] {
-        refused(&[&["train", "-o", folder, name, "3"], &on_disk[..]].concat(), &[name, "simulated"]);
+        let alone = ["train", "-o", folder, "--simulated-share", "0", name, "3"];
+        refused(&[&alone, &on_disk[..]].concat(), &[name, "simulated"]);
     }
+    refused(&["train", "-o", folder, "--simulated-share", "0.2"], &["--simulated-share", "--dataset"]);
+    refused(&[&["train", "-o", folder, "--simulated-share", "1"], &on_disk[..]].concat(), &["below 1"]);
 }
 
 #[test]

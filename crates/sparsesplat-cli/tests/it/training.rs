@@ -147,6 +147,39 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
 }
 
 #[test]
+fn photographs_and_simulated_scenes_are_trained_on_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (photographs, config, json) = (at("photographs"), at("short.ron"), at("train.json"));
+    let simulate =
+        ["simulate", "--seed", "3", "--kind", "desk", "--size", "96x64", "--samples", "1", "--frames", "14"];
+    call(&[&simulate[..], &["-o", text(&photographs)]].concat()).succeeded();
+    fs::write(&config, "(steps: 4, batch: 1, density: (0.05, 0.1), neighbours: 5, targets: 1)").unwrap();
+    let train = |run: &str, share: &str| {
+        let (run, cache) = (at(run), at("cache"));
+        let files = ["train", "-o", text(&run), "--config", text(&config), "--cache", text(&cache)];
+        let sizes = ["--size", "60x40", "--validation-scenes", "1", "--device", "cpu", "--json", text(&json)];
+        let data = ["--dataset", "nerfstudio", "--root", text(&photographs), "--simulated-share", share];
+        let scenes: &[&str] = if share == "0" { &[] } else { &["--scenes", "1"] };
+        call(&[&files[..], &sizes, &data, scenes].concat()).succeeded();
+        let record = read_json(&json);
+        (
+            record["windows"].as_u64().unwrap(),
+            record["data_sha256"].clone(),
+            values(&run.join("weights.safetensors")),
+        )
+    };
+    let (windows, hash, weights) = train("mixed", "0.5");
+    assert!(windows >= 3, "{windows}: some of photographs and one simulated");
+    assert_eq!(train("again", "0.5"), (windows, hash.clone(), weights.clone()));
+    // Another share is other data; photographs alone are one window less.
+    let (same, other_share, other_weights) = train("seldom", "0.1");
+    assert!(same == windows && other_share != hash && other_weights != weights);
+    let (fewer, alone, _) = train("alone", "0");
+    assert!(fewer == windows - 1 && alone != hash);
+}
+
+#[test]
 fn rows_of_an_ablation_are_trained_once_and_measured_each() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
