@@ -349,6 +349,7 @@ impl Mapper {
             opacity: usual.opacity * REFINE_RATE,
             colour: usual.colour * REFINE_RATE,
             sh: 0.0,
+            pose: 0.0,
         };
         let config = refine::Config {
             stop: refine::Stop::Steps(self.config.refine),

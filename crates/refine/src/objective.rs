@@ -93,11 +93,9 @@ mod tests {
         let mut evaluate = |scene: &Gaussians| {
             let (mut value, mut geometry, mut sh) =
                 (0.0, vec![0.0; scene.geometry().len()], vec![0.0; scene.sh().len()]);
-            for view in 0..views.len() {
-                let found = objective
-                    .differentiate(scene, (view, views[view].camera()), exposure, 0.5, &mut rasterizer)
-                    .unwrap()
-                    .unwrap();
+            for view in views.iter().map(View::camera).enumerate() {
+                let found =
+                    objective.differentiate(scene, view, exposure, 0.5, &mut rasterizer).unwrap().unwrap();
                 value += 0.5 * found.compared.loss;
                 geometry.iter_mut().zip(&found.gradients.geometry).for_each(|(a, b)| *a += f64::from(*b));
                 sh.iter_mut().zip(&found.gradients.sh).for_each(|(a, b)| *a += f64::from(*b));

@@ -148,7 +148,10 @@ impl Cases {
         Ok(Self { kept, geometry, sources, hash: hexadecimal(&all.finalize()) })
     }
 
-    /// These and `others`, of which passes draw a `share`, above 0 and below 1. Of both the cache folder must be the same.
+    /// These and `others`, of which passes draw a `share`.
+    ///
+    /// # Panics
+    /// If the share is not above 0 and below 1, or the cache folders differ.
     #[must_use]
     pub fn mixed_with(mut self, others: Self, share: f64) -> Self {
         assert!(share > 0.0 && share < 1.0 && self.geometry == others.geometry, "a share of the same cache");

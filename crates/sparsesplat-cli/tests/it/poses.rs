@@ -63,7 +63,11 @@ fn photographs_become_a_scene_in_one_go_and_their_poses_serve_again() {
     );
     let record: serde_json::Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
     let seconds = record["seconds"]["poses"].as_f64().unwrap();
-    assert!(seconds > 0.0 && record["poses"]["seconds"] == seconds && record["seconds"]["total"].as_f64().unwrap() > seconds);
+    assert!(
+        seconds > 0.0
+            && record["poses"]["seconds"] == seconds
+            && record["seconds"]["total"].as_f64().unwrap() > seconds
+    );
     assert_eq!(record["poses"]["estimate"]["verdict"]["registered"], 11);
     let bytes = fs::read(&scene).unwrap();
     let again = call(&words).succeeded();
