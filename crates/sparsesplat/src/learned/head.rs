@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 pub const FEATURES: &str = "features";
 
 /// Default weights for the plane sweep's features (docs/training.md says how they came about).
-const PLANE_SWEEP: &[u8] = include_bytes!("../../weights/plane-sweep-1.safetensors");
+const PLANE_SWEEP: &[u8] = include_bytes!("../../weights/plane-sweep-2.safetensors");
 /// What reports call them.
-const PLANE_SWEEP_NAME: &str = "learned (plane-sweep-1)";
+const PLANE_SWEEP_NAME: &str = "learned (plane-sweep-2)";
 
 /// A trained head.
 #[derive(Debug)]
