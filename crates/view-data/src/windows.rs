@@ -1,4 +1,4 @@
-//! Windows for a data set without an evaluation index: stretches of its path, context and held-out views in turn.
+//! Windows for a data set without an evaluation index: stretches of its path, context and held-out views in turn, or one about every frame.
 
 use crate::overlap::shared;
 use crate::{Dropped, Error, Result, SceneDepth, Window, select_views};
@@ -50,7 +50,7 @@ pub fn windows_along(
     Ok((windows, dropped))
 }
 
-/// A window about every frame, for training: as many as there are, near together and far apart, whatever the order of the frames.
+/// A window about every frame, for training: near together and far apart. Frames need not lie in the order of a path.
 ///
 /// The frames about one are those that share most of their content with it (the lower of the two directions): twice `context` of them
 /// about every other frame, three times `context` about the rest. [`select_views`] chooses the context among them, and its targets are
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_about_frames_are_connected_and_do_not_depend_on_the_order() {
+    fn windows_about_frames_are_connected_and_found_in_any_order() {
         let cameras = walk_along(0.3, 60);
         let (windows, dropped) = windows_around("hall", &cameras, 4, DEPTH).unwrap();
         assert!(windows.len() > 30 && dropped.is_empty(), "{} {dropped:?}", windows.len());
@@ -196,7 +196,7 @@ mod tests {
             lengths.push(window.context[3] - window.context[0]);
         }
         assert!(lengths.iter().min() < lengths.iter().max(), "near together and far apart: {lengths:?}");
-        // Frames in another order: the same windows, under other names.
+        // Frames in another order: many of the same windows; a frame takes more or fewer neighbours by its place in the list.
         let turned = |at: usize| (at * 7) % 60;
         let mut mixed = cameras.clone();
         (0..60).for_each(|at| mixed[turned(at)] = cameras[at]);
