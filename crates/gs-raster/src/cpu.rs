@@ -265,9 +265,11 @@ mod tests {
         assert!(rendering.stats.visible > 200, "{}", rendering.stats.visible);
         tape.traces = traces;
         let n = camera.width() * camera.height();
-        let plane = |n: usize, k: usize| (0..n).map(|i| ((i * 7 + k) % 13) as f32 / 13.0 - 0.4).collect();
+        let plane = |n: usize, k: usize| -> Vec<f32> {
+            (0..n).map(|i| ((i * 7 + k) % 13) as f32 / 13.0 - 0.4).collect()
+        };
         let pixels = PixelGradients {
-            image: plane(3 * n, 1),
+            image: plane(3 * n, 1).into(),
             alpha: Some(plane(n, 2)),
             depth: depth.then(|| plane(n, 3)),
         };

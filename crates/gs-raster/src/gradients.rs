@@ -7,12 +7,13 @@ use cpu_kernels::{Isa, compiled_for};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, SH_C0, sh_coefficients};
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Derivatives of a loss with respect to the pixels of one [`Rendering`](crate::Rendering).
 #[derive(Debug, Clone, PartialEq)]
-pub struct PixelGradients {
-    /// By the colours, `[height, width, 3]`.
-    pub image: Vec<f32>,
+pub struct PixelGradients<'a> {
+    /// By the colours, `[height, width, 3]`; borrowed or not.
+    pub image: Cow<'a, [f32]>,
     /// By the opacity, `[height, width]`; none is zero everywhere.
     pub alpha: Option<Vec<f32>>,
     /// By the expected depth, `[height, width]`, 1 / scene units; none is zero everywhere. Only for views rendered with
@@ -20,7 +21,7 @@ pub struct PixelGradients {
     pub depth: Option<Vec<f32>>,
 }
 
-impl PixelGradients {
+impl PixelGradients<'_> {
     /// Whether lengths fit the view, and every number is finite.
     pub(crate) fn check(&self, camera: &Camera, settings: &RenderSettings) -> Result<()> {
         let pixels = camera.width() * camera.height();
@@ -28,21 +29,35 @@ impl PixelGradients {
             return Err(Error::DepthNotRendered);
         }
         let planes = [
-            ("image", Some(&self.image), pixels * 3),
-            ("alpha", self.alpha.as_ref(), pixels),
-            ("depth", self.depth.as_ref(), pixels),
+            ("image", Some(&*self.image), pixels * 3),
+            ("alpha", self.alpha.as_deref(), pixels),
+            ("depth", self.depth.as_deref(), pixels),
         ];
         for (what, plane, expected) in planes {
             let Some(plane) = plane else { continue };
             if plane.len() != expected {
                 return Err(Error::PixelGradientLength { what, expected, found: plane.len() });
             }
-            if let Some(index) = plane.iter().position(|value| !value.is_finite()) {
+            if !largest_magnitude(plane).is_finite() {
+                let index = plane.iter().position(|value| !value.is_finite()).unwrap_or_default();
                 return Err(Error::PixelGradientNotFinite { what, index });
             }
         }
         Ok(())
     }
+}
+
+/// The largest of the magnitudes; NaN counts as larger than infinity, and is the result if there is one. By the bits that hold exponent and
+/// fraction, whose maximum is one of integers: no chain of comparisons of floats.
+pub(crate) fn largest_magnitude(numbers: &[f32]) -> f32 {
+    let isa = Isa::in_use();
+    let of_chunk = |chunk: &[f32]| -> i32 {
+        compiled_for!(isa, {
+            chunk.iter().fold(0, |largest, number| largest.max(number.abs().to_bits() as i32))
+        })
+    };
+    let largest = numbers.par_chunks(1 << 15).map(of_chunk).reduce(|| 0, i32::max);
+    f32::from_bits(largest.cast_unsigned())
 }
 
 /// Derivatives of a loss, summed over the views of a batch. Gaussians that are in no picture, culled or left out have

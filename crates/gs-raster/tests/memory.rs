@@ -77,7 +77,7 @@ fn a_forward_pass_takes_at_most_250_bytes_per_gaussian() {
         assert!(view.stats.visible * 10 >= n * 9, "{:?}", view.stats);
         let mut rasterizer = Rasterizer::cpu();
         let (record, (_, tape)) = peak(|| rasterizer.record(&scene, &[camera], &settings).expect("valid"));
-        let pixels = PixelGradients { image: vec![0.5; 448 * 256 * 3], alpha: None, depth: None };
+        let pixels = PixelGradients { image: vec![0.5; 448 * 256 * 3].into(), alpha: None, depth: None };
         let (backward, gradients) = peak(|| rasterizer.backward(&scene, &tape, &[pixels]).expect("valid"));
         assert_eq!(gradients.geometry.len(), n * 11);
         // The picture and its alpha, which few Gaussians share at 10k, are what was asked for.

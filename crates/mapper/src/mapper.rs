@@ -275,7 +275,7 @@ impl Mapper {
         let pixels = classify(&rendered.alpha, &depth, geometry, tolerance);
         let error = error(view.image().data(), rendered.image.data(), &pixels);
         let inverse = inverse_depths(geometry, &depth);
-        let gradients = [PixelGradients { image: error, alpha: None, depth: None }];
+        let gradients = [PixelGradients { image: error.into(), alpha: None, depth: None }];
         let (gradients, shares) =
             self.rasterizer.backward_with_shares(&self.map.gaussians, &tape, &gradients, &[inverse])?;
         let observation = Observation {
@@ -317,7 +317,7 @@ impl Mapper {
             self.rasterizer.record(&self.map.gaussians, std::slice::from_ref(camera), &settings)?;
         let image = difference(view, rendered[0].image.data());
         let zero = vec![0.0; camera.width() * camera.height()];
-        let gradients = [PixelGradients { image, alpha: None, depth: None }];
+        let gradients = [PixelGradients { image: image.into(), alpha: None, depth: None }];
         let (gradients, shares) =
             self.rasterizer.backward_with_shares(&self.map.gaussians, &tape, &gradients, &[zero])?;
         recolour(&mut self.map, count, &shares, &gradients.sh);

@@ -69,7 +69,7 @@ impl<'a> Objective<'a> {
         let compared = target.compare(image, exposure, self.loss, weight, &mut self.scratch);
         let Some(mut compared) = compared else { return Ok(None) };
         let image = std::mem::take(&mut compared.by_rendering);
-        let pixels = PixelGradients { image, alpha: None, depth: None };
+        let pixels = PixelGradients { image: image.into(), alpha: None, depth: None };
         let gradients = rasterizer.backward(scene, &tape, &[pixels])?;
         Ok(Some(OfView { compared, gradients }))
     }

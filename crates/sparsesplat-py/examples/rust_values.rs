@@ -63,7 +63,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         |view: usize, channels: usize| (0..pixels * channels).map(|i| weight(i + view)).collect::<Vec<_>>();
     let gradients: Vec<PixelGradients> = (0..cameras.len())
         .map(|view| PixelGradients {
-            image: weights(view, 3),
+            image: weights(view, 3).into(),
             alpha: Some(weights(view, 1)),
             depth: Some(weights(view, 1)),
         })

@@ -1,7 +1,7 @@
 //! Where work is done: threads and rasterizers of this process.
 //!
-//! Work runs on a thread of its own while the caller's waits without the interpreter's lock, so that other Python threads run
-//! and Ctrl-C comes through.
+//! Long work runs on a thread of its own while the caller's waits, so that Ctrl-C ends it early. Work of one piece, which nothing could
+//! end, runs on the caller's thread. Neither holds the interpreter's lock: other Python threads run.
 
 use gs_raster::{Device, Rasterizer};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -18,7 +18,7 @@ use std::time::Duration;
 /// How often a waiting caller looks for signals.
 const SIGNALS: Duration = Duration::from_millis(50);
 /// Buffers that are kept to be filled anew: fresh memory costs as much time as filling it. A training step has one tape, which copies
-/// five arrays, and the gradients by one picture or a few.
+/// five arrays; there may be a few at once.
 const SPARE: usize = 16;
 
 /// Threads, rasterizers and buffers of one process.
@@ -174,11 +174,20 @@ pub(crate) fn run<T: Send + 'static>(
     ear.listen(py, progress)
 }
 
-/// As [`run`], for work that borrows what the caller has: on Ctrl-C the exception is returned when the work has ended.
+/// As [`run`], for work that borrows what the caller has: on Ctrl-C the exception is returned when the work has ended. Work of
+/// `one_piece` never looks whether its caller is gone; it is done on the caller's thread, which saves the time of a thread.
 ///
 /// # Errors
 /// As [`run`].
-pub(crate) fn run_borrowing<T: Send>(py: Python<'_>, work: impl FnOnce(&Caller) -> T + Send) -> PyResult<T> {
+pub(crate) fn run_borrowing<T: Send>(
+    py: Python<'_>,
+    one_piece: bool,
+    work: impl FnOnce(&Caller) -> T + Send,
+) -> PyResult<T> {
+    if one_piece {
+        let result = py.detach(|| work(&Caller { gone: Arc::default(), progress: &|_| {} }));
+        return py.check_signals().map(|()| result);
+    }
     thread::scope(|scope| {
         let (job, ear) = prepare(work);
         let thread = named().spawn_scoped(scope, job).map_err(|error| no_thread(&error))?;

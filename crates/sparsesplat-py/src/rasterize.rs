@@ -49,7 +49,7 @@ pub(crate) fn rasterize<'py>(
     let request = Request::read("rasterize", cameras, (width, height), settings.as_ref(), None)?;
     let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
     let (arrays, engine) = (arrays.activated()?, engine(py)?);
-    let drawn = engine::run_borrowing(py, |caller| {
+    let drawn = engine::run_borrowing(py, request.is_one_piece(), |caller| {
         request.render(engine, caller, |rasterizer, cameras, settings| {
             rasterizer.render_activated(&arrays, cameras, settings)
         })
@@ -88,7 +88,7 @@ pub(crate) fn record<'py>(
     let request = Request::read("record", cameras, (width, height), settings.as_ref(), None)?;
     let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
     let (activated, engine) = (arrays.activated()?, engine(py)?);
-    let recorded = engine::run_borrowing(py, |caller| {
+    let recorded = engine::run_borrowing(py, request.is_one_piece(), |caller| {
         let copy = || is_copied.then(|| Copied::of(&activated, engine));
         Recorded::draw(engine, caller, Numbers::Activated(activated), &request, copy)
     })?;
@@ -394,6 +394,15 @@ impl Request {
             cameras.all.into_iter().enumerate().map(run).collect()
         };
         Ok(Self { runs, mode, device, size, is_double: cameras.is_double, backgrounds })
+    }
+
+    /// Whether all cameras are drawn at once: between them nobody could stop.
+    fn is_one_piece(&self) -> bool {
+        match &self.runs[..] {
+            [] => true,
+            [run] => run.cameras.len() <= TOGETHER,
+            _ => false,
+        }
     }
 
     /// Draws every camera by `draw`; ends early if the caller is gone.

@@ -5,13 +5,14 @@ use crate::cameras::pose_gradient;
 use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
 use crate::kept::{Kept, Numbers};
-use crate::rasterize::{Backgrounds, Depth, Drawn, Recording, Request, TOGETHER};
+use crate::rasterize::{Backgrounds, Depth, Drawn, Recording, Request};
 use gs_raster::{Activated, Colors, PixelGradients, PoseGradient, Rasterizer};
 use gs_scene::{Gaussians, sh_coefficients};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::time::Instant;
 
 /// What `record` keeps for the backward pass. Its memory is given back when the last reference goes.
@@ -103,7 +104,7 @@ impl Tape {
     }
 
     /// The gradients by colours, alpha and depth of every view, run by run.
-    fn pixels(&self, colors: &[f32], alphas: Option<&[f32]>) -> Vec<Vec<PixelGradients>> {
+    fn pixels<'a>(&self, colors: &'a [f32], alphas: Option<&[f32]>) -> Vec<Vec<PixelGradients<'a>>> {
         let mode = self.request.mode;
         let (width, height) = self.request.size;
         let (pixels, channels) = (width * height, mode.channels());
@@ -123,9 +124,9 @@ impl Tape {
                 }
             }
             let image = match (mode.colors, channels) {
-                (true, 3) => self.engine.copy(colors),
+                (true, 3) => Cow::Borrowed(colors),
                 (true, _) => colors.chunks_exact(channels).flat_map(|pixel| &pixel[..3]).copied().collect(),
-                (false, _) => vec![0.0; pixels * 3],
+                (false, _) => vec![0.0; pixels * 3].into(),
             };
             view += 1;
             PixelGradients { image, alpha, depth }
@@ -160,8 +161,6 @@ impl Tape {
                 }
             }
             found.seconds = begin.elapsed().as_secs_f64();
-            let images = pixels.into_iter().flatten().map(|pixels| pixels.image);
-            self.engine.recycle(images.take(TOGETHER));
             Ok(())
         })?;
         if found.backgrounds.is_empty() {
@@ -253,7 +252,7 @@ impl Tape {
         let colors = v_colors.as_slice()?;
         let held = self.kept.as_ref().expect("there until it is dropped").hold(py)?;
         let numbers = held.numbers()?;
-        let found = engine::run_borrowing(py, |_| self.differentiate(numbers, colors, alphas))?;
+        let found = engine::run_borrowing(py, true, |_| self.differentiate(numbers, colors, alphas))?;
         self.gradients(py, numbers.len(), found.or_raise()?)
     }
 }

@@ -101,7 +101,7 @@ impl CustomOp1 for Render {
     fn bwd(&self, rows: &Tensor, _: &Tensor, by_picture: &Tensor) -> Result<Option<Tensor>> {
         let taken = lock(&self.tape).take();
         let Some((gaussians, tape)) = taken else { bail!("rendering has no tape: backward runs once") };
-        let pixels = PixelGradients { image: values(by_picture)?, alpha: None, depth: None };
+        let pixels = PixelGradients { image: values(by_picture)?.into(), alpha: None, depth: None };
         let gradients = lock(&self.rasterizer)
             .backward(&gaussians, &tape, &[pixels])
             .map_err(candle_core::Error::wrap)?;

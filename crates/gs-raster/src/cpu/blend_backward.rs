@@ -11,6 +11,7 @@ use super::blend::{
 };
 use super::project::{BATCH, Splat};
 use super::{Grid, TILE};
+use crate::gradients::largest_magnitude;
 use crate::{PixelGradients, RenderSettings};
 use cpu_kernels::dispatch;
 use cpu_kernels::pulp::{Simd, WithSimd};
@@ -95,9 +96,8 @@ pub(super) fn finite(value: f64) -> f32 {
 
 /// The power of two in which gradients by pixels are at most 2⁻²³.
 fn unit(pixels: &PixelGradients) -> f64 {
-    let planes = [Some(&pixels.image), pixels.alpha.as_ref(), pixels.depth.as_ref()];
-    let largest =
-        planes.into_iter().flatten().flatten().fold(0.0f32, |largest, value| largest.max(value.abs()));
+    let planes = [Some(&*pixels.image), pixels.alpha.as_deref(), pixels.depth.as_deref()];
+    let largest = planes.into_iter().flatten().map(largest_magnitude).fold(0.0, f32::max);
     // 2^e ≤ largest < 2^(e+1), where f64 has no denormals that f32 could reach.
     let exponent = if largest > 0.0 { (f64::from(largest).to_bits() >> 52) as i32 - 1023 } else { 0 };
     f64::from(exponent + 24).exp2()

@@ -104,7 +104,7 @@ fn scene() -> (Gaussians, Camera, RenderSettings) {
 }
 
 /// Any loss that looks at every pixel.
-fn loss() -> PixelGradients {
+fn loss() -> PixelGradients<'static> {
     let weight = |i: usize| ((i * 7919) % 13) as f32 / 6.0 - 1.0;
     PixelGradients {
         image: (0..WIDTH * HEIGHT * 3).map(weight).collect(),

@@ -255,7 +255,7 @@ fn gradients_of_other_arrays_than_recorded_are_refused() {
     let (mut rasterizer, settings) = (Rasterizer::cpu(), RenderSettings::default());
     let arrays = Arrays::new(Colors::Sh { degree: 1, per_gaussian: 4 });
     let (_, tape) = rasterizer.record_activated(&arrays.view(), &[camera], &settings).unwrap();
-    let pixels = PixelGradients { image: vec![1.0; 16 * 16 * 3], alpha: None, depth: None };
+    let pixels = PixelGradients { image: vec![1.0; 16 * 16 * 3].into(), alpha: None, depth: None };
     let mut backward = |arrays: &Arrays, pixels: &[PixelGradients]| {
         rasterizer.backward_activated(&arrays.view(), &tape, pixels)
     };
@@ -312,12 +312,12 @@ fn kind(degree: usize, choice: usize) -> Colors {
 }
 
 /// Some derivatives by every pixel.
-fn weights(camera: &gs_scene::Camera) -> PixelGradients {
+fn weights(camera: &gs_scene::Camera) -> PixelGradients<'static> {
     let plane = |channels: usize| -> Vec<f32> {
         let n = camera.width() * camera.height() * channels;
         (0..n).map(|i| ((i * 7 + channels) % 13) as f32 / 13.0 - 0.4).collect()
     };
-    PixelGradients { image: plane(3), alpha: Some(plane(1)), depth: Some(plane(1)) }
+    PixelGradients { image: plane(3).into(), alpha: Some(plane(1)), depth: Some(plane(1)) }
 }
 
 fn bits(view: &Rendering) -> Vec<u32> {
@@ -421,7 +421,7 @@ fn gradients_of_activated_gaussians_agree_with_central_differences() {
     };
     let mut rasterizer = Rasterizer::cpu();
     let (_, tape) = rasterizer.record_activated(&arrays.view(), &[camera], &settings).unwrap();
-    let pixels = PixelGradients { image: weights.clone(), alpha: None, depth: None };
+    let pixels = PixelGradients { image: (&weights).into(), alpha: None, depth: None };
     let found = rasterizer.backward_activated(&arrays.view(), &tape, &[pixels]).unwrap();
     let fields: [(Field, &Vec<f32>); 3] = [
         (|arrays| &mut arrays.scales, &found.scales),

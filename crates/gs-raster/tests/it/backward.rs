@@ -29,7 +29,7 @@ fn discs(n: usize) -> (Gaussians, Camera) {
     (scene, camera.expect("valid"))
 }
 
-fn some_pixels(camera: &Camera) -> PixelGradients {
+fn some_pixels(camera: &Camera) -> PixelGradients<'static> {
     let size = camera.width() * camera.height();
     pixels(3, &vec![false; size], &vec![1.0; size])
 }
@@ -216,7 +216,7 @@ fn what_does_not_fit_is_an_error() {
     let mut rasterizer = Rasterizer::cpu();
     let (_, tape) = rasterizer.record(&scene, &[camera], &RenderSettings::default()).expect("valid");
     let size = camera.width() * camera.height();
-    let good = PixelGradients { image: vec![1.0; size * 3], alpha: None, depth: None };
+    let good = PixelGradients { image: vec![1.0; size * 3].into(), alpha: None, depth: None };
     let mut backward =
         |scene: &Gaussians, pixels: &[PixelGradients]| rasterizer.backward(scene, &tape, pixels);
     assert!(backward(&scene, std::slice::from_ref(&good)).is_ok());
@@ -229,7 +229,7 @@ fn what_does_not_fit_is_an_error() {
     let found = backward(&scene, &[PixelGradients { depth: Some(vec![0.0; size]), ..good.clone() }]);
     assert!(matches!(found, Err(Error::DepthNotRendered)), "{found:?}");
     let mut bad = good;
-    bad.image[7] = f32::NAN;
+    bad.image.to_mut()[7] = f32::NAN;
     let found = backward(&scene, &[bad]);
     assert!(matches!(found, Err(Error::PixelGradientNotFinite { what: "image", index: 7 })), "{found:?}");
 }

@@ -116,13 +116,17 @@ pub(crate) fn check_reference(case: &Case) -> Vec<Row> {
 }
 
 /// The loss by what this renderer puts out. The golden loss on depth is on Σ w z, which is depth times alpha.
-fn pixel_gradients(loss: &Loss, alpha: &[f32], depth: &[f32]) -> PixelGradients {
+fn pixel_gradients(loss: &Loss, alpha: &[f32], depth: &[f32]) -> PixelGradients<'static> {
     let weights = &loss.weights;
     let singles = |numbers: &[f64]| -> Vec<f32> { numbers.iter().map(|&v| v as f32).collect() };
     let sums = weights.depth_sum.iter().zip(alpha).zip(depth);
     let by_depth = sums.clone().map(|((&w, &alpha), _)| w as f32 * alpha).collect();
     let by_alpha = sums.zip(&weights.alpha).map(|(((&w, _), &depth), &v)| w as f32 * depth + v as f32);
-    PixelGradients { image: singles(&weights.image), alpha: Some(by_alpha.collect()), depth: Some(by_depth) }
+    PixelGradients {
+        image: singles(&weights.image).into(),
+        alpha: Some(by_alpha.collect()),
+        depth: Some(by_depth),
+    }
 }
 
 /// The derivatives by one variable, if this renderer takes them.

@@ -194,7 +194,7 @@ fn extreme_pixel_gradients_scale_the_result_and_no_more() {
         let mut rasterizer = Rasterizer::cpu();
         let (_, tape) =
             rasterizer.record(&one(GOOD), &[camera()], &RenderSettings::default()).expect("valid");
-        let pixels = PixelGradients { image: vec![value; 27 * 18 * 3], alpha: None, depth: None };
+        let pixels = PixelGradients { image: vec![value; 27 * 18 * 3].into(), alpha: None, depth: None };
         rasterizer.backward(&one(GOOD), &tape, &[pixels]).expect("valid").geometry
     };
     let unit = gradients(1.0);
@@ -236,7 +236,7 @@ pub(crate) fn finite_gradients(
     };
     let size = 27 * 18;
     let pixels =
-        PixelGradients { image: plane(size * 3), alpha: Some(plane(size)), depth: Some(plane(size)) };
+        PixelGradients { image: plane(size * 3).into(), alpha: Some(plane(size)), depth: Some(plane(size)) };
     let found = rasterizer.backward(&scene, &tape, &[pixels]).expect("valid");
     prop_assert!(found.geometry.iter().chain(&found.sh).all(|value| value.is_finite()));
     let pose = found.poses[0];

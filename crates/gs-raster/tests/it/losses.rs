@@ -16,7 +16,7 @@ pub(crate) fn noise(seed: u64, place: usize) -> f32 {
 
 /// Random gradients by the pixels of a view; zero where f32 may take another decision than f64. Those by depth are small
 /// where little is drawn: of a faint layer it hangs on the last bits.
-pub(crate) fn pixels(seed: u64, ambiguous: &[bool], alpha: &[f64]) -> PixelGradients {
+pub(crate) fn pixels(seed: u64, ambiguous: &[bool], alpha: &[f64]) -> PixelGradients<'static> {
     let plane = |channel: u64| -> Vec<f32> {
         let values = ambiguous.iter().enumerate();
         values.map(|(i, &skip)| if skip { 0.0 } else { noise(seed ^ channel << 50, i) }).collect()

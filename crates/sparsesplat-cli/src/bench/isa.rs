@@ -311,7 +311,7 @@ fn pictures(seconds: &mut Seconds) -> Outcome {
     time(seconds, "rendering", || rasterizer.render(&scene, &camera, &settings).map(drop).or_work())?;
     let (renderings, tape) = rasterizer.record(&scene, &cameras, &settings).or_work()?;
     let image = renderings[0].image.data().to_vec();
-    let pixels = [PixelGradients { image, alpha: None, depth: None }];
+    let pixels = [PixelGradients { image: image.into(), alpha: None, depth: None }];
     time(seconds, "rendering, gradient", || rasterizer.backward(&scene, &tape, &pixels).map(drop).or_work())
 }
 

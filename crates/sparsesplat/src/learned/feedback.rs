@@ -62,7 +62,7 @@ pub(super) fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
         let error: Vec<f32> =
             view.image().data().iter().zip(rendered).map(|(photograph, r)| photograph - r).collect();
         let squares = error.chunks_exact(3).map(|e| e.iter().map(|e| e * e).sum()).collect();
-        let pixels = PixelGradients { image: error, alpha: None, depth: None };
+        let pixels = PixelGradients { image: error.into(), alpha: None, depth: None };
         let (gradients, shares) =
             rasterizer.backward_with_shares(&scene, &tape, &[pixels], &[squares]).map_err(failed)?;
         let rows = gradients.geometry.chunks_exact(Gaussians::GEOMETRY);

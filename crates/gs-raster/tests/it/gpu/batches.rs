@@ -21,14 +21,14 @@ fn cameras() -> [Camera; 3] {
     })
 }
 
-fn losses(cameras: &[Camera]) -> Vec<PixelGradients> {
+fn losses(cameras: &[Camera]) -> Vec<PixelGradients<'static>> {
     let plane = |seed, n| -> Vec<f32> { (0..n).map(|i| noise(seed, i)).collect() };
     cameras
         .iter()
         .zip(40..)
         .map(|(camera, seed)| {
             let n = camera.width() * camera.height();
-            PixelGradients { image: plane(seed, 3 * n), alpha: Some(plane(seed + 10, n)), depth: None }
+            PixelGradients { image: plane(seed, 3 * n).into(), alpha: Some(plane(seed + 10, n)), depth: None }
         })
         .collect()
 }

@@ -19,7 +19,8 @@ fn settings() -> RenderSettings {
 fn all_bits(rasterizer: &mut Rasterizer, scene: &Gaussians, camera: &Camera) -> (Vec<u32>, Vec<u64>) {
     let n = camera.width() * camera.height();
     let plane = |seed, n| -> Vec<f32> { (0..n).map(|i| noise(seed, i)).collect() };
-    let loss = PixelGradients { image: plane(1, 3 * n), alpha: Some(plane(2, n)), depth: Some(plane(3, n)) };
+    let loss =
+        PixelGradients { image: plane(1, 3 * n).into(), alpha: Some(plane(2, n)), depth: Some(plane(3, n)) };
     let (views, tape) = rasterizer.record(scene, &[*camera], &settings()).expect("valid");
     let gradients = rasterizer.backward(scene, &tape, &[loss]).expect("valid");
     (bits(&views[0]), gradient_bits(&gradients))

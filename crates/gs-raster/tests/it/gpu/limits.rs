@@ -23,8 +23,8 @@ fn scene(n: usize, log_scale: f32) -> Gaussians {
     Gaussians::new(0, row.repeat(n), vec![0.5; 3 * n]).expect("valid")
 }
 
-fn loss(camera: &Camera) -> PixelGradients {
-    PixelGradients { image: vec![0.5; camera.width() * camera.height() * 3], alpha: None, depth: None }
+fn loss(camera: &Camera) -> PixelGradients<'static> {
+    PixelGradients { image: vec![0.5; camera.width() * camera.height() * 3].into(), alpha: None, depth: None }
 }
 
 /// One that binds a mebibyte.
@@ -160,14 +160,14 @@ fn pixel_gradients_that_do_not_fit_what_was_recorded() {
     assert!(matches!(other, Err(Error::OtherScene { expected: 2, found: 3, .. })), "{other:?}");
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut broken = good.clone();
-        broken.image[7] = bad;
+        broken.image.to_mut()[7] = bad;
         let found = backward(&recorded, &[good.clone(), broken]);
         assert!(matches!(found, Err(Error::PixelGradientNotFinite { what: "image", index: 7 })), "{found:?}");
         let broken = PixelGradients { alpha: Some(vec![bad; 200]), ..good.clone() };
         let found = backward(&recorded, &[broken, good.clone()]);
         assert!(matches!(found, Err(Error::PixelGradientNotFinite { what: "alpha", index: 0 })), "{found:?}");
     }
-    let short = PixelGradients { image: vec![0.0; 599], ..good.clone() };
+    let short = PixelGradients { image: vec![0.0; 599].into(), ..good.clone() };
     let found = backward(&recorded, &[good.clone(), short]);
     assert!(matches!(found, Err(Error::PixelGradientLength { expected: 600, found: 599, .. })), "{found:?}");
     let by_depth = PixelGradients { depth: Some(vec![0.0; 200]), ..good.clone() };
@@ -183,7 +183,8 @@ fn huge_pixel_gradients_give_finite_gradients() {
     // Sums over many Gaussians and two views leave the range of f32, too.
     let (_, tape) = gpu.record(&scene, &[camera, camera], &RenderSettings::default()).expect("valid");
     for value in [f32::MAX, -f32::MAX, 1e37, 1e36, 1e30, 1e-40] {
-        let loss = PixelGradients { image: vec![value; 600], alpha: Some(vec![-value; 200]), depth: None };
+        let loss =
+            PixelGradients { image: vec![value; 600].into(), alpha: Some(vec![-value; 200]), depth: None };
         let gradients = gpu.backward(&scene, &tape, &[loss.clone(), loss]).expect("valid");
         assert!(gradients.geometry.iter().chain(&gradients.sh).all(|value| value.is_finite()), "{value}");
         let pose = gradients.poses[0];

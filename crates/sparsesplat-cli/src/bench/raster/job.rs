@@ -60,7 +60,7 @@ impl Job<'_> {
 }
 
 /// Some gradient by every colour; its value changes no time.
-fn pixel_gradients(camera: &Camera) -> PixelGradients {
+fn pixel_gradients(camera: &Camera) -> PixelGradients<'static> {
     let image = (0..camera.width() * camera.height() * 3).map(|i| ((i % 7) as f32 - 3.0) / 3.0).collect();
     PixelGradients { image, alpha: None, depth: None }
 }
