@@ -17,7 +17,7 @@ pub struct Seconds {
     /// The stages of the pass.
     #[serde(flatten)]
     pub stages: StageSeconds,
-    /// Optimisation steps after the forward pass.
+    /// Optimisation steps after the pass.
     pub refine: f64,
     /// Writing the scene.
     pub write: f64,

@@ -1,4 +1,4 @@
-//! The method under evaluation, as settings: the forward pass, and optional refinement after it.
+//! The method under evaluation, as settings: the pass, and optional refinement after it.
 
 use crate::figures::CurvePoint;
 use crate::{Error, Result, Step};
@@ -11,10 +11,10 @@ use sparsesplat::{Config, Exposure, Prediction};
 /// Photographs to Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Method {
-    /// The forward pass.
+    /// The pass.
     #[serde(flatten)]
     pub predict: Config,
-    /// Steps on the context views afterwards; none is the feed-forward result.
+    /// Steps on the context views afterwards; none leaves the result of the pass.
     pub refine: Option<refine::Config>,
     /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is
     /// measured. The curve then goes on to the last step: nothing stops early.
@@ -25,7 +25,7 @@ pub struct Method {
 }
 
 impl Method {
-    /// The forward pass alone.
+    /// The pass alone.
     #[must_use]
     pub fn feed_forward(predict: Config) -> Self {
         Self { predict, refine: None, curve: false, cache: None }

@@ -71,7 +71,7 @@ impl Stopwatch {
     }
 }
 
-/// An outcome with the figures that need no rendering; `pass` are the seconds of the forward pass.
+/// An outcome with the figures that need no rendering; `pass` are the seconds of the pass.
 fn outcome(
     window: &Window,
     method: &Method,

@@ -48,6 +48,7 @@ pub(crate) fn draw(
         backbone: Backbone::GivenDepth,
         budget: Budget::Gaussians(count),
         head: Head::ClosedForm,
+        looks: 1,
         far_shell: false,
         exposure: Exposure::Common,
         seed: config.seed,

@@ -1,10 +1,8 @@
-//! Adam (Kingma & Ba 2015) over rows of stored numbers.
+//! Adam (Kingma & Ba 2015) over rows of stored numbers, damped: what a mean gradient is divided by has a floor.
 
 use cpu_kernels::pulp::{Simd, WithSimd};
 use cpu_kernels::{Isa, dispatch};
 
-/// Decay of the running mean of gradients.
-const BETA_1: f32 = 0.9;
 /// Decay of the running mean of squared gradients. Short: there are tens of steps, not thousands.
 const BETA_2: f32 = 0.99;
 /// Below any gradient that matters (a loss is at most about 1 and shared among all Gaussians), above rounding
@@ -24,35 +22,43 @@ impl Moments {
     }
 }
 
-/// Corrections of both running means for having started at 0.
+/// Decay of the running mean of gradients, and the corrections of both running means for having started at 0.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Correction {
+pub(crate) struct Means {
+    momentum: f32,
     first: f32,
     second: f32,
 }
 
-impl Correction {
+impl Means {
     /// For the `step`-th update, counted from 1.
-    pub(crate) fn of_step(step: usize) -> Self {
+    pub(crate) fn of_step(step: usize, momentum: f32) -> Self {
         let step = i32::try_from(step).unwrap_or(i32::MAX);
-        Self { first: 1.0 / (1.0 - BETA_1.powi(step)), second: 1.0 / (1.0 - BETA_2.powi(step)) }
+        let correction = |decay: f32| 1.0 / (1.0 - decay.powi(step));
+        Self { momentum, first: correction(momentum), second: correction(BETA_2) }
+    }
+
+    /// The root of the mean square of a number's gradients, the newest among them; `second` is the running mean before it.
+    pub(crate) fn size(self, second: f32, gradient: f32) -> f32 {
+        ((BETA_2 * second + (1.0 - BETA_2) * gradient * gradient) * self.second).sqrt()
     }
 }
 
-/// One update of a stretch of numbers, all slices of one length: a number whose gradients are of one size and
-/// sign moves by its rate. Numbers whose gradient was always 0 stay as they are. Every instruction set gives the same bits.
+/// One update of a stretch of numbers, all slices of one length. A number whose gradients are of one size and sign moves by its rate, if
+/// its floor is 0; with one it moves by rate · size / (size + floor). Numbers whose gradient was always 0 stay as they are. Every
+/// instruction set gives the same bits.
 pub(crate) fn update(
     isa: Isa,
     values: &mut [f32],
     gradients: &[f32],
     (first, second): (&mut [f32], &mut [f32]),
-    rates: &[f32],
-    correction: Correction,
+    (rates, floors): (&[f32], &[f32]),
+    means: Means,
 ) {
     let n = values.len();
-    let (gradients, rates) = (&gradients[..n], &rates[..n]);
+    let (gradients, rates, floors) = (&gradients[..n], &rates[..n], &floors[..n]);
     let (first, second) = (&mut first[..n], &mut second[..n]);
-    dispatch(isa, Update { values, gradients, first, second, rates, correction });
+    dispatch(isa, Update { values, gradients, first, second, rates, floors, means });
 }
 
 struct Update<'a> {
@@ -61,7 +67,8 @@ struct Update<'a> {
     first: &'a mut [f32],
     second: &'a mut [f32],
     rates: &'a [f32],
-    correction: Correction,
+    floors: &'a [f32],
+    means: Means,
 }
 
 impl WithSimd for Update<'_> {
@@ -74,19 +81,21 @@ impl WithSimd for Update<'_> {
         let (first, first_rest) = S::as_mut_simd_f32s(self.first);
         let (second, second_rest) = S::as_mut_simd_f32s(self.second);
         let (rates, rates_rest) = S::as_simd_f32s(self.rates);
+        let (floors, floors_rest) = S::as_simd_f32s(self.floors);
         let moments = first.iter_mut().zip(second);
-        for (((value, gradient), rate), (first, second)) in
-            values.iter_mut().zip(gradients).zip(rates).zip(moments)
+        let steps = rates.iter().zip(floors);
+        for (((value, gradient), (rate, floor)), (first, second)) in
+            values.iter_mut().zip(gradients).zip(steps).zip(moments)
         {
             (*value, [*first, *second]) =
-                step(simd, *value, *gradient, [*first, *second], *rate, self.correction);
+                step(simd, *value, *gradient, [*first, *second], [*rate, *floor], self.means);
         }
         if !values_rest.is_empty() {
             let load = |slice: &[f32]| simd.partial_load_f32s(slice);
             let moments = [load(first_rest), load(second_rest)];
-            let (gradient, rate) = (load(gradients_rest), load(rates_rest));
+            let (gradient, rate_and_floor) = (load(gradients_rest), [load(rates_rest), load(floors_rest)]);
             let (value, [first, second]) =
-                step(simd, load(values_rest), gradient, moments, rate, self.correction);
+                step(simd, load(values_rest), gradient, moments, rate_and_floor, self.means);
             simd.partial_store_f32s(values_rest, value);
             simd.partial_store_f32s(first_rest, first);
             simd.partial_store_f32s(second_rest, second);
@@ -101,16 +110,16 @@ fn step<S: Simd>(
     value: S::f32s,
     gradient: S::f32s,
     [first, second]: [S::f32s; 2],
-    rate: S::f32s,
-    correction: Correction,
+    [rate, floor]: [S::f32s; 2],
+    means: Means,
 ) -> (S::f32s, [S::f32s; 2]) {
     let splat = |v: f32| simd.splat_f32s(v);
     let (change, square) = (simd.sub_f32s(gradient, first), simd.mul_f32s(gradient, gradient));
-    let first = simd.add_f32s(first, simd.mul_f32s(splat(1.0 - BETA_1), change));
+    let first = simd.add_f32s(first, simd.mul_f32s(splat(1.0 - means.momentum), change));
     let second = simd.add_f32s(second, simd.mul_f32s(splat(1.0 - BETA_2), simd.sub_f32s(square, second)));
-    let size = simd.sqrt_f32s(simd.mul_f32s(second, splat(correction.second)));
-    let size = simd.add_f32s(size, splat(EPSILON));
-    let by = simd.div_f32s(simd.mul_f32s(rate, simd.mul_f32s(first, splat(correction.first))), size);
+    let size = simd.sqrt_f32s(simd.mul_f32s(second, splat(means.second)));
+    let size = simd.add_f32s(simd.add_f32s(size, floor), splat(EPSILON));
+    let by = simd.div_f32s(simd.mul_f32s(rate, simd.mul_f32s(first, splat(means.first))), size);
     (simd.sub_f32s(value, by), [first, second])
 }
 
@@ -118,7 +127,13 @@ fn step<S: Simd>(
 mod tests {
     use super::*;
 
+    const MOMENTUM: f32 = 0.9;
+
     fn run(gradient: impl Fn(usize, f32) -> f32, steps: usize, rate: f32) -> f32 {
+        damped(gradient, steps, rate, 0.0)
+    }
+
+    fn damped(gradient: impl Fn(usize, f32) -> f32, steps: usize, rate: f32, floor: f32) -> f32 {
         let (mut x, mut m) = ([1.0f32], Moments::new(1));
         for step in 1..=steps {
             let g = [gradient(step, x[0])];
@@ -127,8 +142,8 @@ mod tests {
                 &mut x,
                 &g,
                 (&mut m.first, &mut m.second),
-                &[rate],
-                Correction::of_step(step),
+                (&[rate], &[floor]),
+                Means::of_step(step, MOMENTUM),
             );
         }
         x[0]
@@ -140,6 +155,19 @@ mod tests {
             assert!((run(|_, _| size, 5, 0.01) - 0.95).abs() < 1e-5, "{size}");
             assert!((run(|_, _| -size, 5, 0.01) - 1.05).abs() < 1e-5, "{size}");
         }
+    }
+
+    #[test]
+    fn a_floor_slows_what_has_small_gradients() {
+        // By rate · size / (size + floor).
+        for (size, share) in [(1.0, 1.0 / 3.0), (2.0, 0.5), (1e-3, 1e-3 / 2.001), (1e6, 1.0)] {
+            let moved = 1.0 - damped(|_, _| size, 5, 0.01, 2.0);
+            assert!((moved / 0.05 - share).abs() < 1e-4, "{size}: {moved}");
+        }
+        assert_eq!(damped(|_, _| 0.0, 10, 1.0, 0.5), 1.0);
+        // The size that floors are measured by is the one that the update divides by.
+        let means = Means::of_step(1, MOMENTUM);
+        assert!((means.size(0.0, -3.0) - 3.0).abs() < 1e-5);
     }
 
     #[test]
@@ -168,11 +196,13 @@ mod tests {
         let gradients: Vec<f32> =
             (0..n).map(|i| ((i * 37 % 19) as f32 - 9.0) * 10f32.powi(i % 7 - 3)).collect();
         let rates: Vec<f32> = (1..=n).map(|i| i as f32 * 1e-3).collect();
+        let floors: Vec<f32> = (0..n).map(|i| (i % 3) as f32).collect();
         let run = |isa| {
             let (mut values, mut m) = (vec![0.5f32; n as usize], Moments::new(n as usize));
             for step in 1..=3 {
                 let moments = (m.first.as_mut_slice(), m.second.as_mut_slice());
-                update(isa, &mut values, &gradients, moments, &rates, Correction::of_step(step));
+                let means = Means::of_step(step, MOMENTUM);
+                update(isa, &mut values, &gradients, moments, (&rates, &floors), means);
             }
             (values, m.first, m.second)
         };

@@ -15,16 +15,6 @@ pub enum Error {
         /// Its range.
         expected: &'static str,
     },
-    /// The structural part of the loss cannot be had of a view.
-    #[error(
-        "view {view}: the structural term of the loss cannot be computed (a weight dssim of 0 leaves it out)"
-    )]
-    Structure {
-        /// Name of the view.
-        view: String,
-        /// Why not.
-        source: image_metrics::Error,
-    },
     /// The scene cannot be rendered or differentiated.
     #[error(transparent)]
     Raster(#[from] gs_raster::Error),

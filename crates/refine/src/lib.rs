@@ -7,6 +7,7 @@ mod report;
 mod refine;
 
 mod adam;
+mod damping;
 mod exposure;
 mod half;
 mod limits;

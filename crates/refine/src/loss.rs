@@ -1,6 +1,6 @@
 //! The loss of one view and its derivative by the rendering.
 
-use crate::{ColourTerm, Error, Exposure, Loss, Result};
+use crate::{ColourTerm, Exposure, Loss};
 use gs_scene::View;
 use image_metrics::{SsimScratch, SsimTarget};
 use rayon::prelude::*;
@@ -41,14 +41,12 @@ struct Sums {
 }
 
 impl<'a> Target<'a> {
-    pub(crate) fn new(view: &'a View, loss: Loss) -> Result<Self> {
+    pub(crate) fn new(view: &'a View, loss: Loss) -> Self {
         let photograph = view.image().data();
         let (width, height) = (view.image().width(), view.image().height());
-        let structure = |source| Error::Structure { view: view.name().to_owned(), source };
-        let structure = (loss.dssim > 0.0)
-            .then(|| SsimTarget::new(photograph, width, height).map_err(structure))
-            .transpose()?;
-        Ok(Self { photograph, structure })
+        // There is none of a view that is smaller than its window.
+        let structure = if loss.dssim > 0.0 { SsimTarget::new(photograph, width, height).ok() } else { None };
+        Self { photograph, structure }
     }
 
     /// Compares a rendering, seen through an exposure, with the photograph; `None` if its colours are not
@@ -73,7 +71,8 @@ impl<'a> Target<'a> {
             exposed = rendering.par_iter().with_min_len(CHUNK).map(|v| gain * v + bias).collect();
             &exposed
         };
-        let of_colour = (1.0 - loss.dssim) / n as f32;
+        let dssim = if self.structure.is_some() { loss.dssim } else { 0.0 };
+        let of_colour = (1.0 - dssim) / n as f32;
         // Derivative by what is seen, to begin with.
         let mut gradient = vec![0f32; n];
         let tasks =
@@ -105,9 +104,8 @@ impl<'a> Target<'a> {
         });
         let mut value = f64::from(of_colour) * total.colour;
         if let Some(structure) = &self.structure {
-            let share =
-                structure.loss_with_gradient(seen, weight * loss.dssim, &mut gradient, scratch).ok()?;
-            value += f64::from(loss.dssim) * share;
+            let share = structure.loss_with_gradient(seen, weight * dssim, &mut gradient, scratch).ok()?;
+            value += f64::from(dssim) * share;
         }
         if gain != 1.0 {
             gradient.par_iter_mut().with_min_len(CHUNK).for_each(|g| *g *= gain);
@@ -156,7 +154,7 @@ mod tests {
     }
 
     fn compare(view: &View, rendering: &[f32], exposure: Exposure, loss: Loss, weight: f32) -> Compared {
-        let target = Target::new(view, loss).unwrap();
+        let target = Target::new(view, loss);
         target.compare(rendering, exposure, loss, weight, &mut SsimScratch::default()).unwrap()
     }
 
@@ -214,7 +212,7 @@ mod tests {
             let same = compare(&view, view.image().data(), Exposure::NONE, loss, 1.0);
             assert_eq!((same.loss, same.psnr), (0.0, f64::INFINITY));
             assert!(same.by_rendering.iter().all(|g| *g == 0.0));
-            let target = Target::new(&view, loss).unwrap();
+            let target = Target::new(&view, loss);
             for wild in [f32::NAN, f32::INFINITY, 1e30] {
                 let mut rendering = vec![0.4; 432];
                 rendering[7] = wild;

@@ -28,7 +28,7 @@ pub(crate) struct OfView {
 impl<'a> Objective<'a> {
     /// `low_pass` is the variance of the renderer's filter, square pixels of these views.
     pub(crate) fn new(scene: &Gaussians, views: &'a [View], loss: Loss, low_pass: f32) -> Result<Self> {
-        let targets = views.iter().map(|view| Target::new(view, loss)).collect::<Result<_>>()?;
+        let targets = views.iter().map(|view| Target::new(view, loss)).collect();
         let near = views.iter().map(|view| near_plane(scene, view.camera())).fold(f32::INFINITY, f32::min);
         let settings = RenderSettings { near, eps2d: low_pass, ..RenderSettings::default() };
         Ok(Self { views, targets, loss, settings, scratch: SsimScratch::default() })

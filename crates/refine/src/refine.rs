@@ -1,6 +1,7 @@
 //! The loop of gradient steps.
 
-use crate::adam::{Correction, Moments, update};
+use crate::adam::{Means, Moments, update};
+use crate::damping::Floors;
 use crate::exposure::Exposures;
 use crate::half::{half_size, low_pass};
 use crate::limits::{Limits, row_rates};
@@ -75,7 +76,7 @@ pub fn refine(
         }
         let at_once = config.views_per_step.min(views.len());
         let chosen: Vec<usize> = (0..at_once).map(|_| turns.next()).collect();
-        let loss = work.step(&chosen, decay(progress), rasterizer)?;
+        let loss = work.step(&chosen, decay(progress, config.last_rate), rasterizer)?;
         report.undone += usize::from(loss.is_none());
         work.spent += begin.elapsed();
         let over = rounds.are_over(chosen.len(), views.len(), work.context_psnr(), config.smallest_gain);
@@ -163,12 +164,13 @@ impl<'a> Work<'a> {
         let mut objective = Objective::new(&gaussians, views, config.loss, whole)?;
         let coarse =
             half.map(|half| Objective::new(&gaussians, half, config.loss, low_pass())).transpose()?;
-        let mut at_start = Vec::with_capacity(views.len());
-        let mut psnr = Vec::with_capacity(views.len());
-        for view in 0..views.len() {
-            let (exposure, found) = objective.look(&gaussians, view, rasterizer)?;
-            at_start.push(if config.exposure { exposure } else { Exposure::NONE });
-            psnr.push(Some(found));
+        let mut at_start = vec![Exposure::NONE; views.len()];
+        let mut psnr = vec![None; views.len()];
+        if config.exposure {
+            for (view, (at_start, psnr)) in at_start.iter_mut().zip(&mut psnr).enumerate() {
+                let (exposure, found) = objective.look(&gaussians, view, rasterizer)?;
+                (*at_start, *psnr) = (exposure, Some(found));
+            }
         }
         Ok(Self {
             config,
@@ -252,7 +254,11 @@ impl<'a> Work<'a> {
         const WIDTH: usize = Gaussians::GEOMETRY;
         let isa = Isa::in_use();
         let rates = &self.config.rates;
-        let correction = Correction::of_step(self.updates);
+        let means = Means::of_step(self.updates, self.config.momentum);
+        let moments = (&self.geometry_moments, &self.sh_moments);
+        // Running means say more with every step.
+        let damping = self.config.damping / self.updates as f32;
+        let floors = Floors::new(damping, gradients, moments, &self.limits, means);
         let per_gaussian = sh_coefficients(self.gaussians.sh_degree()) * 3;
         let (geometry, sh) = self.gaussians.buffers_mut();
 
@@ -263,11 +269,13 @@ impl<'a> Work<'a> {
             .zip(self.geometry_moments.second.par_chunks_mut(ROWS * WIDTH))
             .zip(self.limits.par_chunks(ROWS));
         of_geometry.for_each(|((((values, gradients), first), second), limits)| {
-            let mut steps = vec![0f32; values.len()];
-            for (row, limits) in steps.chunks_exact_mut(WIDTH).zip(limits) {
-                row_rates(rates, factor, limits.footprint, row);
+            let (mut steps, mut least) = (vec![0f32; values.len()], vec![0f32; values.len()]);
+            let rows = steps.chunks_exact_mut(WIDTH).zip(least.chunks_exact_mut(WIDTH));
+            for ((step, least), limits) in rows.zip(limits) {
+                row_rates(rates, factor, limits.footprint, step);
+                floors.fill(limits.footprint, least);
             }
-            update(isa, values, gradients, (first, second), &steps, correction);
+            update(isa, values, gradients, (first, second), (&steps, &least), means);
             let moved = values.chunks_exact_mut(WIDTH).zip(second.chunks_exact(WIDTH)).zip(limits);
             for ((row, second), limits) in moved {
                 if second.iter().any(|s| *s > 0.0) {
@@ -280,13 +288,14 @@ impl<'a> Work<'a> {
         for of_gaussian in steps.chunks_exact_mut(per_gaussian) {
             of_gaussian[..3].fill(factor * rates.colour);
         }
+        let least = vec![floors.colour; ROWS * per_gaussian];
         let of_sh = sh
             .par_chunks_mut(ROWS * per_gaussian)
             .zip(gradients.sh.par_chunks(ROWS * per_gaussian))
             .zip(self.sh_moments.first.par_chunks_mut(ROWS * per_gaussian))
             .zip(self.sh_moments.second.par_chunks_mut(ROWS * per_gaussian));
         of_sh.for_each(|(((values, gradients), first), second)| {
-            update(isa, values, gradients, (first, second), &steps, correction);
+            update(isa, values, gradients, (first, second), (&steps, &least), means);
         });
     }
 }

@@ -4,9 +4,6 @@ use crate::Stop;
 use std::f64::consts::PI;
 use std::time::Duration;
 
-/// What is left of the step size at the end.
-const LAST: f64 = 0.05;
-
 /// The views in rounds, each in an order of its own.
 pub(crate) struct Turns {
     views: usize,
@@ -52,9 +49,10 @@ impl Stop {
     }
 }
 
-/// Factor of the step sizes: half a cosine from 1 to [`LAST`].
-pub(crate) fn decay(progress: f64) -> f32 {
-    (LAST + (1.0 - LAST) * 0.5 * (1.0 + (PI * progress).cos())) as f32
+/// Factor of the step sizes: half a cosine from 1 to `last`.
+pub(crate) fn decay(progress: f64, last: f32) -> f32 {
+    let last = f64::from(last);
+    (last + (1.0 - last) * 0.5 * (1.0 + (PI * progress).cos())) as f32
 }
 
 #[cfg(test)]
@@ -78,8 +76,8 @@ mod tests {
     }
 
     #[test]
-    fn step_sizes_fall_from_one_to_a_twentieth() {
-        let at = |steps| decay(Stop::Steps(10).progress(steps, Duration::ZERO));
+    fn step_sizes_fall_from_one_to_the_last() {
+        let at = |steps| decay(Stop::Steps(10).progress(steps, Duration::ZERO), 0.05);
         assert_eq!((at(0), at(10), at(20)), (1.0, 0.05, 0.05));
         assert!((0..10).all(|step| at(step) > at(step + 1)));
         let half = Stop::Seconds(2.0).progress(7, Duration::from_secs(1));

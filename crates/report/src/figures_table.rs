@@ -13,10 +13,10 @@ pub fn figures_table(
     lpips_network: Option<&str>,
     with_windows: bool,
 ) -> Table {
-    // Refined and feed-forward results never share a column.
+    // Results with and without refinement never share a column.
     let refined = windows.iter().any(|window| window.seeds.iter().any(|run| run.refinement.is_some()));
     let quality: &[&str] =
-        if refined { &["feed-forward PSNR", "SSIM", "refined PSNR", "SSIM"] } else { &["PSNR", "SSIM"] };
+        if refined { &["PSNR before refinement", "SSIM", "refined PSNR", "SSIM"] } else { &["PSNR", "SSIM"] };
     let lpips = lpips_column(lpips_network);
     let head = [
         &["scene", "Gaussians", "shell"],

@@ -78,10 +78,13 @@ pub(crate) struct Pipeline {
     /// Depth range of the stereo: estimate (from the views), hint (of the data set), or NEAR,FAR in scene units
     #[arg(long, value_name = "RANGE", value_parser = range, default_value = "estimate")]
     pub(crate) depth_range: Range,
+    /// Looks at the photographs: 1 is the head alone, in one pass; in each further one all are rendered and the Gaussians follow the derivatives
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = Config::default().looks)]
+    pub(crate) looks: usize,
     /// Neighbours of each anchor
     #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20, hide_short_help = true)]
     pub(crate) neighbours: usize,
-    /// Gradient steps on the photographs after the forward pass (60 are a good start)
+    /// Gradient steps on the photographs after the pass (60 are a good start)
     #[arg(
         long,
         value_name = "STEPS",
@@ -254,7 +257,7 @@ impl Pipeline {
         Ok(())
     }
 
-    /// The forward pass. `Hint` is left as `Estimate` here: only the data set can resolve it.
+    /// The pass. `Hint` is left as `Estimate` here: only the data set can resolve it.
     fn config(&self, seed: u64) -> Outcome<Config> {
         let (backbone, weights) = self.source.resolve()?;
         Ok(Config {
@@ -282,6 +285,7 @@ impl Pipeline {
                 (None, HeadName::ClosedForm) => Head::ClosedForm,
                 (None, HeadName::DepthSplat) => Head::DepthSplat,
             },
+            looks: self.looks,
             far_shell: self.far_shell,
             exposure: match self.exposure {
                 ExposureName::AsPhotographed => Exposure::AsPhotographed,

@@ -94,7 +94,7 @@ pub(crate) fn describe(step: Step) -> String {
         Step::Predict(Stage::Sampling) => "choosing pixels",
         Step::Predict(Stage::Backproject) => "placing anchors",
         Step::Predict(Stage::Knn) => "finding neighbours",
-        Step::Predict(Stage::Feedback) => "comparing with the photographs",
+        Step::Predict(Stage::Feedback | Stage::Looks) => "comparing with the photographs",
         Step::Predict(Stage::Head | Stage::Decode | Stage::Shell) => "making Gaussians",
         Step::Refine { progress, psnr_context } => {
             const WIDTH: usize = 20;

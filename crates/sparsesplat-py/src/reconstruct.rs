@@ -72,7 +72,7 @@ enum Source {
 #[pyo3(signature = (
     source, gaussians = 40_000, *, tau = None, views = 6, size = None, format = None, backbone = "plane-sweep",
     depth_planes = None, depth_range = None, allocation = "entropy", sampler = "fixed", head = "default", weights = None,
-    far_shell = true, exposure = "as-photographed", neighbours = 20, refine = 0, seed = 0, device = "auto", progress = None
+    looks = None, far_shell = true, exposure = "as-photographed", neighbours = 20, refine = 0, seed = 0, device = "auto", progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "those of the command, by name")]
 pub(crate) fn reconstruct(
@@ -93,6 +93,7 @@ pub(crate) fn reconstruct(
     far_shell: bool,
     exposure: &str,
     neighbours: usize,
+    looks: Option<usize>,
     refine: usize,
     seed: u64,
     device: &str,
@@ -112,6 +113,7 @@ pub(crate) fn reconstruct(
             Some(weights) => Head::Weights(weights),
             None => one_of("head", head)?,
         },
+        looks: looks.unwrap_or(Config::default().looks),
         far_shell,
         exposure: one_of("exposure", exposure)?,
         seed,

@@ -21,6 +21,9 @@ pub struct Config {
     pub neighbours: usize,
     /// What turns anchors into Gaussians.
     pub head: Head,
+    /// Looks at the views through the renderer, at least 1. The first is the feedback of the head, which makes the Gaussians in one pass; in
+    /// each further one all views are rendered and the Gaussians follow the derivatives of the difference (`crates/sparsesplat/src/looks.rs`).
+    pub looks: usize,
     /// Whether a far shell backs what no view covers; counted in the budget.
     pub far_shell: bool,
     /// In which exposure the scene is.
@@ -40,6 +43,7 @@ impl Default for Config {
             budget: Budget::Gaussians(40_000),
             neighbours: 20,
             head: Head::Default,
+            looks: 3,
             far_shell: true,
             exposure: Exposure::AsPhotographed,
             seed: 0,
@@ -52,6 +56,7 @@ impl Config {
     pub(crate) fn check(&self) -> Result<()> {
         match (self.budget, self.allocation) {
             (Budget::Gaussians(0), _) => return Err(Error::EmptyBudget),
+            _ if self.looks == 0 => return Err(Error::NoLook),
             (Budget::Tau(tau), Allocation::Merged | Allocation::VoxelAligned) => {
                 return Err(Error::NothingDrawn { tau });
             }

@@ -41,6 +41,14 @@ pub enum Error {
         /// What the renderer says.
         source: Box<gs_raster::Error>,
     },
+    /// Gaussians that cannot be rendered for further looks.
+    #[error(
+        "the Gaussians cannot be rendered for further looks at the views (with one look the head's are the result)"
+    )]
+    Looks(#[source] Box<refine::Error>),
+    /// A pass that looks at nothing.
+    #[error("the number of looks is 0, expected at least 1: one look is the head alone")]
+    NoLook,
     /// Weights without the name of the features that they were trained on.
     #[error("{weights}: does not say which features it was trained on: expected weights that `train` wrote")]
     NoSchema {

@@ -18,6 +18,7 @@ mod harmonics;
 
 mod cells;
 mod closed_form;
+mod looks;
 mod merge;
 mod shell;
 mod voxels;

@@ -1,6 +1,7 @@
 //! The backbone's own head: one Gaussian of every pixel, as the network made them.
 
 use crate::as_photographed::exposed_as;
+use crate::looks::look;
 use crate::{
     Config, Counts, Error, ExposureGain, Geometry, Prediction, Result, Stage, Stages, exposure, shell,
 };
@@ -38,6 +39,7 @@ pub(crate) fn finish(
         all.append(&shell.clone().with_sh_degree(all.sh_degree())?);
         exposed_as(config.exposure, all, views, &exposure)
     })?;
+    let gaussians = look(gaussians, (views, &exposure), config, &mut stages)?;
     let counts = Counts { total: gaussians.len(), per_view, shell: shell.len() };
     let (depth_range, seconds) = (*depth_range, stages.seconds());
     let (head, geometry) = (NAME.to_owned(), Vec::new());

@@ -4,6 +4,7 @@ use crate::anchored::{Anchored, anchor};
 use crate::as_photographed::exposed_as;
 use crate::backbone::{self, Networks};
 use crate::learned::{HeadWeights, LearnedHead};
+use crate::looks::look;
 use crate::merge::merge;
 use crate::{
     Allocation, Budget, Config, Geometry, Head, NetworkDevice, Prediction, Result, Stage, Stages, own_head,
@@ -155,6 +156,7 @@ impl Predictor {
             gaussians.append(&shell.with_sh_degree(gaussians.sh_degree())?);
             exposed_as(config.exposure, gaussians, views, &exposure)
         })?;
+        let gaussians = look(gaussians, (views, &exposure), config, &mut stages)?;
         let head = head.map_or(CLOSED_FORM, |head| head.name()).to_owned();
         let (depth_range, seconds) = (geometry.depth_range, stages.seconds());
         Ok(Prediction { gaussians, head, counts, tau, geometry: Vec::new(), exposure, depth_range, seconds })

@@ -28,11 +28,13 @@ pub enum Stage {
     Head,
     /// Attributes to one set of Gaussians, merged where that is the allocation.
     Decode,
+    /// Further looks at the views: gradient steps.
+    Looks,
 }
 
 impl Stage {
     /// All of them, in the order in which they end.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Backbone,
         Self::Exposure,
         Self::Shell,
@@ -42,6 +44,7 @@ impl Stage {
         Self::Feedback,
         Self::Head,
         Self::Decode,
+        Self::Looks,
     ];
 
     /// As in JSON.
@@ -57,6 +60,7 @@ impl Stage {
             Self::Feedback => "feedback",
             Self::Head => "head",
             Self::Decode => "decode",
+            Self::Looks => "looks",
         }
     }
 }

@@ -17,6 +17,8 @@ pub enum Axis {
     Neighbours,
     /// What turns anchors into Gaussians.
     Head,
+    /// How often the pass looks at the photographs through the renderer.
+    Looks,
     /// How pixels are drawn.
     Sampler,
     /// Steps on the photographs after the pass.
@@ -46,6 +48,7 @@ impl Axis {
             Self::Allocation => "allocation",
             Self::Neighbours => "neighbours",
             Self::Head => "head",
+            Self::Looks => "looks",
             Self::Sampler => "sampler",
             Self::Refinement => "refinement",
             Self::Resolution => "resolution",
@@ -167,6 +170,14 @@ impl Extent {
         }
     }
 
+    fn looks(self) -> &'static [usize] {
+        match self {
+            Self::Quick => &[1],
+            Self::Full => &[1, 2, 3, 5],
+            Self::Paper => &[],
+        }
+    }
+
     fn refinement(self) -> &'static [usize] {
         match self {
             Self::Quick => &[10],
@@ -258,6 +269,9 @@ pub fn points(
         all.vary(Axis::Head, &format!("depthsplat-{}", name_of(Allocation::PixelAligned)), |config| {
             (config.allocation, config.head) = (Allocation::PixelAligned, Head::DepthSplat);
         });
+    }
+    for &looks in extent.looks().iter().filter(|&&looks| looks != config.looks) {
+        all.vary(Axis::Looks, &format!("looks-{looks}"), |config| config.looks = looks);
     }
     let (sampler, name) = match config.sampler {
         Sampler::Fixed => (Sampler::Bernoulli, "bernoulli"),

@@ -165,7 +165,7 @@ fn refinement_makes_the_scene_better_and_says_how() {
     let refine = ["--refine", "20", "--json", json_path, "--refine-plot", plot_path];
     let called = call(&[&eval[..], &depth, &refine].concat()).succeeded();
     assert!(
-        called.stdout.contains("feed-forward PSNR") && called.stdout.contains("refined PSNR"),
+        called.stdout.contains("PSNR before refinement") && called.stdout.contains("refined PSNR"),
         "{}",
         called.stdout
     );

@@ -94,6 +94,7 @@ def reconstruct(
     sampler: Literal["fixed", "bernoulli"] = "fixed",
     head: Literal["default", "closed-form"] = "default",
     weights: Union[None, str, PathLike[str]] = None,
+    looks: Optional[int] = None,
     far_shell: bool = True,
     exposure: Literal["as-photographed", "common"] = "as-photographed",
     neighbours: int = 20,

@@ -11,6 +11,8 @@ mod exposure;
 mod hostile;
 /// What must and what must not change the result.
 mod invariance;
+/// Further looks at the views.
+mod looks;
 /// Held-out views of a simulated scene.
 mod quality;
 
@@ -37,15 +39,16 @@ fn photograph(scene: &Traced, cameras: &[Camera]) -> Vec<View> {
     cameras.iter().enumerate().map(|(i, camera)| render_view(scene, camera, 4, name(i), 0).unwrap()).collect()
 }
 
-/// Exact depth: fast, and nothing but the crate under test decides.
+/// Exact depth: fast, and nothing but the crate under test decides. One look: the head alone.
 fn given_depth(gaussians: usize) -> Config {
-    Config { backbone: Backbone::GivenDepth, budget: Budget::Gaussians(gaussians), ..Config::default() }
+    let budget = Budget::Gaussians(gaussians);
+    Config { backbone: Backbone::GivenDepth, budget, looks: 1, ..Config::default() }
 }
 
-/// Stereo in the courtyard's range.
+/// Stereo in the courtyard's range. One look: the head alone.
 fn plane_sweep(gaussians: usize) -> Config {
     let depth_range = DepthRange::Known { near: 3.0, far: 10.0 };
-    Config { budget: Budget::Gaussians(gaussians), depth_range, ..Config::default() }
+    Config { budget: Budget::Gaussians(gaussians), depth_range, looks: 1, ..Config::default() }
 }
 
 fn predict(views: &[View], config: &Config) -> Result<Prediction> {

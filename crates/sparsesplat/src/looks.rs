@@ -1,0 +1,41 @@
+//! Further looks at the views: the Gaussians of the head are rendered into the photographs and follow the derivatives of the difference, a few
+//! large steps. The CPU renders, whatever renders the result, so that a prediction does not depend on the graphics adapter.
+//!
+//! The paper has no such stage; ReSplat (arXiv 2510.08575) feeds errors of renderings back through a network instead. Held-out views are
+//! never seen.
+
+use crate::{Config, Error, Exposure, ExposureGain, Result, Stage, Stages};
+use gs_raster::Rasterizer;
+use gs_scene::{Gaussians, View};
+
+/// The Gaussians after the looks that the configuration asks for beyond the head's; `exposure` is what brought each view into the common
+/// one.
+pub(crate) fn look(
+    gaussians: Gaussians,
+    (views, exposure): (&[View], &[ExposureGain]),
+    config: &Config,
+    stages: &mut Stages<'_>,
+) -> Result<Gaussians> {
+    let rounds = config.looks.saturating_sub(1);
+    if rounds == 0 || gaussians.is_empty() {
+        return Ok(gaussians);
+    }
+    stages.run(Stage::Looks, || rounds_of_steps(gaussians, views, exposure, (rounds, config)))
+}
+
+fn rounds_of_steps(
+    gaussians: Gaussians,
+    views: &[View],
+    exposure: &[ExposureGain],
+    (rounds, config): (usize, &Config),
+) -> Result<Gaussians> {
+    let mut views = views.to_vec();
+    if config.exposure == Exposure::Common {
+        views.iter_mut().zip(exposure).for_each(|(view, exposure)| exposure.apply(view));
+    }
+    // The order of the views is always the same: a pass that takes all pixels does not depend on a seed.
+    let differ = exposure.iter().any(|&view| view != ExposureGain::NONE);
+    let settings = refine::Config { exposure: differ, ..refine::Config::rounds(rounds, views.len()) };
+    let refined = refine::refine(gaussians, &views, &settings, &mut Rasterizer::cpu(), &mut |_| {});
+    refined.map(|refined| refined.gaussians).map_err(|error| Error::Looks(Box::new(error)))
+}
