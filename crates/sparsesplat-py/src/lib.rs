@@ -7,6 +7,7 @@ mod failure;
 
 mod kept;
 mod rasterize;
+mod settings;
 mod tape;
 
 mod scene;
