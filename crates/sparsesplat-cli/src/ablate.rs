@@ -270,6 +270,8 @@ impl Trained<'_> {
             neighbours: self.config.neighbours,
             allocation: self.config.allocation,
             budget: Budget::Gaussians(arguments.gaussians),
+            // Heads are compared, not what comes after them.
+            looks: 1,
             ..sparsesplat::Config::default()
         };
         let seeds = seeds(&arguments.seeds);

@@ -40,7 +40,7 @@ pub(super) fn reconstruct(
     count: Count,
     on_step: &mut dyn FnMut(Step),
 ) -> Outcome<Gaussians> {
-    let closed_form = Config { head: Head::ClosedForm, ..Config::default() };
+    let closed_form = Config { head: Head::ClosedForm, looks: 1, ..Config::default() };
     let config = match count {
         Count::Gaussians(n) => Config { budget: Budget::Gaussians(n), ..closed_form },
         Count::Pixels => Config { allocation: Allocation::PixelAligned, far_shell: false, ..closed_form },
