@@ -130,7 +130,7 @@ impl Config {
     pub fn rounds(rounds: usize, views: usize) -> Self {
         const VIEWS_PER_STEP: usize = 2;
         Self {
-            stop: Stop::Steps(rounds * views.div_ceil(VIEWS_PER_STEP)),
+            stop: Stop::Steps(rounds.saturating_mul(views.div_ceil(VIEWS_PER_STEP))),
             views_per_step: VIEWS_PER_STEP,
             coarse: 0.0,
             rates: Rates {
