@@ -44,54 +44,63 @@ pub const FEATURE_NAMES: [&str; 32] = [
     "row, -1 top to 1 bottom",
 ];
 
-/// Means over square windows, cut at the border: a plane `[height, width]` to the same.
-fn box_mean(plane: &[f32], width: usize, radius: usize) -> Vec<f32> {
+/// Means over square windows, cut at the border: a plane `[height, width]` to the same, in `means`.
+fn box_mean(plane: &[f32], width: usize, radius: usize, means: &mut [f32]) {
     let height = plane.len() / width;
-    let along = |line: &dyn Fn(usize) -> f32, n: usize, out: &mut dyn FnMut(usize, f32)| {
-        // Prefix sums in f64: windows at the far end lose nothing.
-        let mut sums = Vec::with_capacity(n + 1);
-        sums.push(0.0_f64);
+    let window = |i: usize, n: usize| (i.saturating_sub(radius), (i + radius + 1).min(n));
+    // Prefix sums in f64: windows at the far end lose nothing.
+    let mut sums = vec![0.0_f64; width + 1];
+    for (row, means) in plane.chunks_exact(width).zip(means.chunks_exact_mut(width)) {
         let mut sum = 0.0;
-        for i in 0..n {
-            sum += f64::from(line(i));
-            sums.push(sum);
+        for (next, value) in sums[1..].iter_mut().zip(row) {
+            sum += f64::from(*value);
+            *next = sum;
         }
-        for i in 0..n {
-            let (from, to) = (i.saturating_sub(radius), (i + radius + 1).min(n));
-            out(i, ((sums[to] - sums[from]) / (to - from) as f64) as f32);
+        for (x, mean) in means.iter_mut().enumerate() {
+            let (from, to) = window(x, width);
+            *mean = ((sums[to] - sums[from]) / (to - from) as f64) as f32;
         }
-    };
-    let mut rows = vec![0.0; plane.len()];
-    for y in 0..height {
-        along(&|x| plane[y * width + x], width, &mut |x, mean| rows[y * width + x] = mean);
     }
-    let mut means = vec![0.0; plane.len()];
-    for x in 0..width {
-        along(&|y| rows[y * width + x], height, &mut |y, mean| means[y * width + x] = mean);
+    // The same down the columns, all of a row together.
+    let mut sums = vec![0.0_f64; (height + 1) * width];
+    for (y, row) in means.chunks_exact(width).enumerate() {
+        let (before, next) = sums[y * width..].split_at_mut(width);
+        for ((next, before), mean) in next.iter_mut().zip(before).zip(row) {
+            *next = *before + f64::from(*mean);
+        }
     }
-    means
+    for (y, row) in means.chunks_exact_mut(width).enumerate() {
+        let (from, to) = window(y, height);
+        let count = (to - from) as f64;
+        let sums = sums[to * width..][..width].iter().zip(&sums[from * width..]);
+        for (mean, (to, from)) in row.iter_mut().zip(sums) {
+            *mean = ((to - from) / count) as f32;
+        }
+    }
 }
 
 /// Deviation in square windows.
-fn box_deviation(plane: &[f32], width: usize, radius: usize) -> Vec<f32> {
+fn box_deviation(plane: &[f32], width: usize, radius: usize, deviations: &mut [f32]) {
     let squares: Vec<f32> = plane.iter().map(|v| v * v).collect();
-    let (mean, square) = (box_mean(plane, width, radius), box_mean(&squares, width, radius));
-    mean.iter().zip(square).map(|(m, s)| (s - m * m).max(0.0).sqrt()).collect()
+    let mut mean_squares = vec![0.0; plane.len()];
+    box_mean(&squares, width, radius, &mut mean_squares);
+    box_mean(plane, width, radius, deviations);
+    for (mean, square) in deviations.iter_mut().zip(mean_squares) {
+        *mean = (square - *mean * *mean).max(0.0).sqrt();
+    }
 }
 
 /// Applies `stencil(left, right, up, down, centre)` with the border repeated.
-fn neighbourhood(plane: &[f32], width: usize, stencil: impl Fn([f32; 4], f32) -> f32) -> Vec<f32> {
-    let height = plane.len() / width;
-    (0..plane.len())
-        .map(|i| {
-            let (x, y) = (i % width, i / width);
-            let at = |x: usize, y: usize| plane[y.min(height - 1) * width + x.min(width - 1)];
-            stencil(
-                [at(x.saturating_sub(1), y), at(x + 1, y), at(x, y.saturating_sub(1)), at(x, y + 1)],
-                plane[i],
-            )
-        })
-        .collect()
+fn neighbourhood(plane: &[f32], width: usize, stencil: impl Fn([f32; 4], f32) -> f32, found: &mut [f32]) {
+    let last = plane.len() / width - 1;
+    for (y, found) in found.chunks_exact_mut(width).enumerate() {
+        let row = |y: usize| &plane[y * width..][..width];
+        let (up, centre, down) = (row(y.saturating_sub(1)), row(y), row((y + 1).min(last)));
+        for (x, found) in found.iter_mut().enumerate() {
+            let (left, right) = (centre[x.saturating_sub(1)], centre[(x + 1).min(width - 1)]);
+            *found = stencil([left, right, up[x], down[x]], centre[x]);
+        }
+    }
 }
 
 fn horizontal([left, right, _, _]: [f32; 4], _: f32) -> f32 {
@@ -110,49 +119,57 @@ fn laplacian([left, right, up, down]: [f32; 4], centre: f32) -> f32 {
 /// pixel, 0..1. Where depth is missing its channels are 0.
 pub(crate) fn bank(view: &View, depth: &DepthMap, confidence: &[f32], cost: &[f32]) -> Result<FeatureMap> {
     let (width, height) = (depth.width(), depth.height());
-    let colour: [Vec<f32>; 3] =
-        std::array::from_fn(|c| view.image().data().iter().skip(c).step_by(3).copied().collect());
     let luma = view.image().luma();
-    let smooth_luma = box_mean(&luma, width, RADII[1]);
+    let mut smooth_luma = vec![0.0; luma.len()];
+    box_mean(&luma, width, RADII[1], &mut smooth_luma);
 
     let mut known: Vec<f32> = depth.data().iter().copied().filter(|&d| d > 0.0).collect();
     let middle = known.len() / 2;
     let median = if known.is_empty() { 1.0 } else { *known.select_nth_unstable_by(middle, f32::total_cmp).1 };
-    let log_depth: Vec<f32> =
-        depth.data().iter().map(|&d| if d > 0.0 { (d / median).ln() } else { 0.0 }).collect();
     let relative: Vec<f32> = depth.data().iter().map(|&d| if d > 0.0 { median / d } else { 0.0 }).collect();
+    let log_depth = |d: f32| if d > 0.0 { (d / median).ln() } else { 0.0 };
+    let centred = |i: usize, n: usize| (2 * i + 1) as f32 / n as f32 - 1.0;
 
-    let means = RADII.into_par_iter().flat_map(|radius| {
-        colour.par_iter().map(move |channel| box_mean(channel, width, radius)).collect::<Vec<_>>()
-    });
-    let means: Vec<Vec<f32>> = means.collect();
-    let times_ten = |plane: Vec<f32>| plane.into_iter().map(|v| 10.0 * v).collect::<Vec<f32>>();
-    let position = |of: &dyn Fn(usize) -> (usize, usize)| -> Vec<f32> {
-        let centred = |(i, n): (usize, usize)| (2 * i + 1) as f32 / n as f32 - 1.0;
-        (0..width * height).map(|i| centred(of(i))).collect()
-    };
-
-    let mut channels: Vec<Vec<f32>> = colour.to_vec();
-    channels.extend(means.iter().cloned());
-    channels.extend(RADII.map(|radius| box_deviation(&luma, width, radius)));
-    for (channel, mean) in colour.iter().zip(&means[3..6]) {
-        channels.push(channel.iter().zip(mean).map(|(v, m)| v - m).collect());
+    // Every channel is written to its place.
+    let pixels = luma.len();
+    let mut data = vec![0.0; FEATURE_NAMES.len() * pixels];
+    let (colour, rest) = data.split_at_mut(3 * pixels);
+    let (means, rest) = rest.split_at_mut(3 * RADII.len() * pixels);
+    for (channel, plane) in colour.chunks_exact_mut(pixels).enumerate() {
+        let values = view.image().data().iter().skip(channel).step_by(3);
+        plane.iter_mut().zip(values).for_each(|(plane, value)| *plane = *value);
     }
-    channels.push(neighbourhood(&luma, width, horizontal));
-    channels.push(neighbourhood(&luma, width, vertical));
-    channels.push(neighbourhood(&smooth_luma, width, horizontal));
-    channels.push(neighbourhood(&smooth_luma, width, vertical));
-    channels.push(neighbourhood(&luma, width, laplacian));
-    channels.push(neighbourhood(&smooth_luma, width, laplacian));
-    channels.push(log_depth.clone());
-    channels.push(times_ten(neighbourhood(&log_depth, width, horizontal)));
-    channels.push(times_ten(neighbourhood(&log_depth, width, vertical)));
-    channels.push(times_ten(box_deviation(&relative, width, RADII[1])));
-    channels.push(confidence.to_vec());
-    channels.push(cost.to_vec());
-    channels.push(position(&|i| (i % width, width)));
-    channels.push(position(&|i| (i / width, height)));
-    Ok(FeatureMap::new(channels.len(), width, height, channels.concat())?)
+    let of_radii = means.par_chunks_exact_mut(3 * pixels).zip(RADII);
+    of_radii.for_each(|(means, radius)| {
+        let channels = means.par_chunks_exact_mut(pixels).zip(colour.par_chunks_exact(pixels));
+        channels.for_each(|(mean, channel)| box_mean(channel, width, radius, mean));
+    });
+    let mut rest = rest.chunks_exact_mut(pixels);
+    let mut next = || rest.next().expect("a channel for each name");
+    RADII.into_iter().for_each(|radius| box_deviation(&luma, width, radius, next()));
+    let means_of_seven = means[3 * pixels..].chunks_exact(pixels);
+    for (channel, mean) in colour.chunks_exact(pixels).zip(means_of_seven) {
+        let values = channel.iter().zip(mean);
+        next().iter_mut().zip(values).for_each(|(plane, (value, mean))| *plane = value - mean);
+    }
+    neighbourhood(&luma, width, horizontal, next());
+    neighbourhood(&luma, width, vertical, next());
+    neighbourhood(&smooth_luma, width, horizontal, next());
+    neighbourhood(&smooth_luma, width, vertical, next());
+    neighbourhood(&luma, width, laplacian, next());
+    neighbourhood(&smooth_luma, width, laplacian, next());
+    let logarithm = next();
+    logarithm.iter_mut().zip(depth.data()).for_each(|(plane, depth)| *plane = log_depth(*depth));
+    neighbourhood(logarithm, width, |around, centre| 10.0 * horizontal(around, centre), next());
+    neighbourhood(logarithm, width, |around, centre| 10.0 * vertical(around, centre), next());
+    let deviation = next();
+    box_deviation(&relative, width, RADII[1], deviation);
+    deviation.iter_mut().for_each(|value| *value *= 10.0);
+    next().copy_from_slice(confidence);
+    next().copy_from_slice(cost);
+    next().iter_mut().enumerate().for_each(|(i, value)| *value = centred(i % width, width));
+    next().iter_mut().enumerate().for_each(|(i, value)| *value = centred(i / width, height));
+    Ok(FeatureMap::new(FEATURE_NAMES.len(), width, height, data)?)
 }
 
 /// Image features F of one view.
@@ -242,7 +259,8 @@ mod tests {
         fn box_mean_equals_the_plain_sum(width in 1usize..12, height in 1usize..9, radius in 0usize..6, seed: u32) {
             let plane: Vec<f32> =
                 (0..width * height).map(|i| (seed.wrapping_mul(2_654_435_761).wrapping_add(i as u32 * 977) >> 8) as f32 / 1e7).collect();
-            let means = box_mean(&plane, width, radius);
+            let mut means = vec![f32::NAN; plane.len()];
+            box_mean(&plane, width, radius, &mut means);
             for (i, mean) in means.iter().enumerate() {
                 let (x, y) = (i % width, i / width);
                 let inside: Vec<f32> = (0..plane.len())

@@ -139,6 +139,10 @@ impl WithSimd for Aggregate<'_> {
             for row in 0..height {
                 let y = if backward { height - 1 - row } else { row };
                 along.restart(planes);
+                if !backward {
+                    // Written before they are read: of fresh memory that is only read, the system makes each page twice.
+                    sums[y * width * planes..][..width * planes].fill(0);
+                }
                 for column in 0..width {
                     let x = if backward { width - 1 - column } else { column };
                     let pixel = y * width + x;

@@ -88,10 +88,11 @@ impl Grid {
     }
 }
 
-/// Buffers that are kept from one frame to the next, those of dropped tapes among them.
+/// Buffers that are kept from one frame to the next, those of dropped tapes among them: fresh memory costs as much time as filling it.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     free: Arc<Mutex<Vec<Frame>>>,
+    backward: blend_backward::Buffers,
 }
 
 impl Scratch {
@@ -103,19 +104,20 @@ impl Scratch {
 /// Frames that are kept at most.
 const FREE_MAX: usize = 8;
 
-/// A scene in one view before it is blended.
+/// A scene in one view.
 #[derive(Debug, Default)]
 struct Frame {
     splats: project::Splats,
     order: order::Order,
     bins: bin::Bins,
+    /// Of every tile, if the view is recorded.
+    traces: Vec<blend::Trace>,
 }
 
 /// What the backward pass needs of one view's forward pass.
 #[derive(Debug)]
 pub(crate) struct Tape {
     frame: Frame,
-    traces: Vec<blend::Trace>,
     home: Arc<Mutex<Vec<Frame>>>,
 }
 
@@ -138,9 +140,8 @@ pub(crate) fn render(
     match settings.style {
         // A frame that is not recorded goes back as a tape does.
         Style::Blended => {
-            let mut tape =
-                Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
-            Ok(draw(source, camera, settings, &mut tape.frame, false, Isa::in_use())?.0)
+            let mut tape = Tape { frame: scratch.take(), home: Arc::clone(&scratch.free) };
+            draw(source, camera, settings, &mut tape.frame, false, Isa::in_use())
         }
         Style::Ellipsoids => ellipsoids::render(source.stored()?.as_ref(), camera, settings, Isa::in_use()),
     }
@@ -153,9 +154,8 @@ pub(crate) fn record(
     settings: &RenderSettings,
     scratch: &Scratch,
 ) -> Result<(Rendering, Tape)> {
-    let mut tape = Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
-    let (rendering, traces) = draw(source, camera, settings, &mut tape.frame, true, Isa::in_use())?;
-    tape.traces = traces;
+    let mut tape = Tape { frame: scratch.take(), home: Arc::clone(&scratch.free) };
+    let rendering = draw(source, camera, settings, &mut tape.frame, true, Isa::in_use())?;
     Ok((rendering, tape))
 }
 
@@ -166,7 +166,7 @@ fn draw(
     frame: &mut Frame,
     record: bool,
     isa: Isa,
-) -> Result<(Rendering, Vec<blend::Trace>)> {
+) -> Result<Rendering> {
     let (width, height) = (camera.width(), camera.height());
     let grid = Grid::new(width, height);
     let mut seconds = StageSeconds::default();
@@ -190,7 +190,8 @@ fn draw(
     let mut alpha = vec![0.0; width * height];
     let mut depth = vec![0.0; if settings.depth { width * height } else { 0 }];
     let lists = blend::Lists { splats: &frame.splats, bins: &frame.bins, grid, isa };
-    let traces = blend::blend(lists, settings, record, image.data_mut(), &mut alpha, &mut depth);
+    let planes = (image.data_mut(), &mut alpha[..], &mut depth[..]);
+    blend::blend(lists, settings, record, planes, &mut frame.traces);
     seconds.blend = start.elapsed().as_secs_f64();
 
     let stats = RenderStats {
@@ -199,7 +200,7 @@ fn draw(
         intersections: frame.splats.intersections(),
         seconds,
     };
-    Ok((Rendering { image, alpha, depth: settings.depth.then_some(depth), stats }, traces))
+    Ok(Rendering { image, alpha, depth: settings.depth.then_some(depth), stats })
 }
 
 /// Shares of Gaussians in the pixels of a view that are asked for.
@@ -219,13 +220,15 @@ pub(crate) fn backward(
     tape: &Tape,
     pixels: &PixelGradients,
     (sums, background, shares): (&mut Sums<'_>, &mut [f64; 3], Option<Shares>),
-    isa: Isa,
+    (isa, scratch): (Isa, &mut Scratch),
 ) -> PoseGradient {
     let (values, shares) = shares.map(|Shares { values, sums }| (values, sums)).unzip();
     let grid = Grid::new(camera.width(), camera.height());
     let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid, isa };
     let order = tape.frame.order.indices();
-    let summed = blend_backward::sum(lists, settings, &tape.traces, (pixels, values), background);
+    let traces = &tape.frame.traces;
+    let buffers = &mut scratch.backward;
+    let summed = blend_backward::sum(lists, settings, traces, (pixels, values), background, buffers);
     project_backward::project_backward(source, camera, settings, (lists, order), &summed, sums, shares)
 }
 
@@ -254,16 +257,14 @@ mod tests {
     fn everything(isa: Isa, depth: bool) -> Vec<(&'static str, Vec<f32>)> {
         let (scene, camera) = scene();
         let settings = RenderSettings { depth, ..RenderSettings::default() };
-        let scratch = Scratch::default();
-        let mut tape = Tape { frame: scratch.take(), traces: Vec::new(), home: Arc::clone(&scratch.free) };
-        let (rendering, traces) =
-            draw(Source::Stored(&scene), &camera, &settings, &mut tape.frame, true, isa).unwrap();
-        let unrecorded =
-            draw(Source::Stored(&scene), &camera, &settings, &mut scratch.take(), false, isa).unwrap().0;
+        let mut scratch = Scratch::default();
+        let mut tape = Tape { frame: scratch.take(), home: Arc::clone(&scratch.free) };
+        let source = Source::Stored(&scene);
+        let rendering = draw(source, &camera, &settings, &mut tape.frame, true, isa).unwrap();
+        let unrecorded = draw(source, &camera, &settings, &mut scratch.take(), false, isa).unwrap();
         assert_eq!(rendering.image.data(), unrecorded.image.data(), "{isa}");
         assert_eq!(rendering.alpha, unrecorded.alpha, "{isa}");
         assert!(rendering.stats.visible > 200, "{}", rendering.stats.visible);
-        tape.traces = traces;
         let n = camera.width() * camera.height();
         let plane = |n: usize, k: usize| -> Vec<f32> {
             (0..n).map(|i| ((i * 7 + k) % 13) as f32 / 13.0 - 0.4).collect()
@@ -278,7 +279,7 @@ mod tests {
         let (values, mut shares): (Vec<f32>, _) = (plane(n, 4), vec![[0.0; 2]; scene.len()]);
         let of_shares = Some(Shares { values: &values, sums: &mut shares });
         let found = (&mut sums, &mut [0.0; 3], of_shares);
-        let pose = backward(Source::Stored(&scene), &camera, &settings, &tape, &pixels, found, isa);
+        let pose = backward(source, &camera, &settings, &tape, &pixels, found, (isa, &mut scratch));
         let pose = [pose.rotation.to_cols_array().as_slice(), &pose.translation.to_array()].concat();
         vec![
             ("image", rendering.image.data().to_vec()),

@@ -62,7 +62,7 @@ pub(crate) fn largest_magnitude(numbers: &[f32]) -> f32 {
 
 /// Derivatives of a loss, summed over the views of a batch. Gaussians that are in no picture, culled or left out have
 /// exactly zero.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Gradients {
     /// By the stored geometry, `[N, 11]`, in the columns of [`Gaussians`]: with respect to the raw quaternion, the
     /// logarithms of the scales and the logit of the opacity.
@@ -76,7 +76,7 @@ pub struct Gradients {
 }
 
 /// [`Gradients`] in the shapes of the arrays of [`Activated`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ActivatedGradients {
     /// `[N, 3]`, 1 / scene units.
     pub means: Vec<f32>,
@@ -95,14 +95,13 @@ pub struct ActivatedGradients {
 }
 
 impl Gradients {
-    /// No gradient yet.
-    pub(crate) fn zero(n: usize, sh_degree: usize) -> Self {
-        Self {
-            geometry: zeros(n * Gaussians::GEOMETRY),
-            sh: zeros(n * sh_coefficients(sh_degree) * 3),
-            background: [0.0; 3],
-            poses: Vec::new(),
-        }
+    /// No gradient yet, in the memory of what was here.
+    pub(crate) fn clear(&mut self, n: usize, sh_degree: usize) {
+        let Self { geometry, sh, background, poses } = self;
+        clear(geometry, n * Gaussians::GEOMETRY);
+        clear(sh, n * sh_coefficients(sh_degree) * 3);
+        *background = [0.0; 3];
+        poses.clear();
     }
 
     /// Where the CPU adds the gradients by Gaussians.
@@ -116,7 +115,8 @@ impl Gradients {
     /// If these are not gradients of as many Gaussians of the same SH degree.
     #[must_use]
     pub fn activated(self, gaussians: &Activated<'_>) -> ActivatedGradients {
-        let mut found = ActivatedGradients::zero(gaussians);
+        let mut found = ActivatedGradients::default();
+        found.clear(gaussians);
         let (n, kind) = (gaussians.len(), gaussians.kind);
         let (row, used) = (kind.row(), sh_coefficients(kind.degree()) * 3);
         let expected = (n * Gaussians::GEOMETRY, n * used);
@@ -136,18 +136,17 @@ impl Gradients {
 }
 
 impl ActivatedGradients {
-    /// No gradient yet.
-    pub(crate) fn zero(gaussians: &Activated<'_>) -> Self {
+    /// No gradient yet, in the memory of what was here.
+    pub(crate) fn clear(&mut self, gaussians: &Activated<'_>) {
         let n = gaussians.len();
-        Self {
-            means: zeros(3 * n),
-            quats: zeros(4 * n),
-            scales: zeros(3 * n),
-            opacities: zeros(n),
-            colors: zeros(gaussians.kind.row() * n),
-            background: [0.0; 3],
-            poses: Vec::new(),
-        }
+        let Self { means, quats, scales, opacities, colors, background, poses } = self;
+        clear(means, 3 * n);
+        clear(quats, 4 * n);
+        clear(scales, 3 * n);
+        clear(opacities, n);
+        clear(colors, gaussians.kind.row() * n);
+        *background = [0.0; 3];
+        poses.clear();
     }
 
     /// Where the CPU adds the gradients by what is stored of Gaussians, before [`ActivatedGradients::chain`].
@@ -183,12 +182,13 @@ fn chain((by_scales, scales): (&mut [f32], &[f32]), (by_opacities, opacities): (
     }
 }
 
-/// Zeros in memory that is there. Fresh memory is one page of zeros shown many times: to read a number and write it back
-/// would have the system make room for each page twice, and stop all threads every time.
-fn zeros(n: usize) -> Vec<f32> {
-    let mut zeros = vec![0.0; n];
-    zeros.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
-    zeros
+/// As many zeros, in the memory of `numbers` if that has the right length. Fresh memory is one page of zeros shown many times: to read a
+/// number and write it back would have the system make room for each page twice, and stop all threads every time. So it is filled first.
+fn clear(numbers: &mut Vec<f32>, length: usize) {
+    if numbers.len() != length {
+        *numbers = vec![0.0; length];
+    }
+    numbers.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
 }
 
 /// Derivatives of a loss with respect to a world-to-camera pose `p_camera = R p_world + t`, its twelve numbers taken as

@@ -250,7 +250,24 @@ impl Rasterizer {
         tape: &Tape,
         pixels: &[PixelGradients],
     ) -> Result<Gradients> {
-        Ok(self.differentiate(gaussians, tape, pixels, None)?.0)
+        let mut found = Gradients::default();
+        self.backward_into(gaussians, tape, pixels, &mut found)?;
+        Ok(found)
+    }
+
+    /// As [`Rasterizer::backward`], in place of what `found` held. Its arrays are used again where they have the right length: fresh memory
+    /// costs as much time as filling it.
+    ///
+    /// # Errors
+    /// As [`Rasterizer::backward`]; `found` then holds nothing of meaning.
+    pub fn backward_into(
+        &mut self,
+        gaussians: &Gaussians,
+        tape: &Tape,
+        pixels: &[PixelGradients],
+        found: &mut Gradients,
+    ) -> Result<()> {
+        self.differentiate(gaussians, tape, pixels, None, found).map(drop)
     }
 
     /// As [`Rasterizer::backward`], by the arrays of activated Gaussians that were recorded; these must hold the same numbers still. Equals
@@ -264,6 +281,22 @@ impl Rasterizer {
         tape: &Tape,
         pixels: &[PixelGradients],
     ) -> Result<ActivatedGradients> {
+        let mut found = ActivatedGradients::default();
+        self.backward_activated_into(gaussians, tape, pixels, &mut found)?;
+        Ok(found)
+    }
+
+    /// As [`Rasterizer::backward_activated`], in place of what `found` held, as [`Rasterizer::backward_into`].
+    ///
+    /// # Errors
+    /// As [`Rasterizer::backward_activated`]; `found` then holds nothing of meaning.
+    pub fn backward_activated_into(
+        &mut self,
+        gaussians: &Activated<'_>,
+        tape: &Tape,
+        pixels: &[PixelGradients],
+        found: &mut ActivatedGradients,
+    ) -> Result<()> {
         gaussians.check_lengths()?;
         let source = Source::Activated(gaussians);
         tape.check(source, pixels)?;
@@ -271,22 +304,23 @@ impl Rasterizer {
             return Err(Error::NotActivated);
         }
         match (&mut self.backend, &tape.views) {
-            (Backend::Cpu(_), Views::Cpu(views)) => {
-                let mut found = ActivatedGradients::zero(gaussians);
-                let by_views = tape.differentiate(source, views, pixels, found.sums(gaussians.kind), None);
+            (Backend::Cpu(scratch), Views::Cpu(views)) => {
+                found.clear(gaussians);
+                let by_views = tape.differentiate(source, views, pixels, (found.sums(gaussians.kind), None), scratch);
                 (found.background, found.poses) = by_views;
                 found.chain(gaussians);
-                Ok(found)
             }
             #[cfg(feature = "gpu")]
             (Backend::Gpu(gpu), Views::Gpu(views)) => {
-                let mut gradients = Gradients::zero(source.len(), source.sh_degree());
+                let mut gradients = Gradients::default();
+                gradients.clear(source.len(), source.sh_degree());
                 gpu.backward(views, &tape.cameras, pixels, &mut gradients)?;
-                Ok(gradients.activated(gaussians))
+                *found = gradients.activated(gaussians);
             }
             #[cfg(feature = "gpu")]
-            _ => Err(Error::OtherDevice),
+            _ => return Err(Error::OtherDevice),
         }
+        Ok(())
     }
 
     /// As [`Rasterizer::backward`], and for every Gaussian (Σ w, Σ w v): w is its share in a pixel, by which its colour is
@@ -311,7 +345,9 @@ impl Rasterizer {
                 return Err(Error::PixelGradientLength { what: "values", expected, found: values.len() });
             }
         }
-        self.differentiate(gaussians, tape, pixels, Some(values))
+        let mut found = Gradients::default();
+        let shares = self.differentiate(gaussians, tape, pixels, Some(values), &mut found)?;
+        Ok((found, shares))
     }
 
     fn differentiate(
@@ -320,27 +356,28 @@ impl Rasterizer {
         tape: &Tape,
         pixels: &[PixelGradients],
         values: Option<&[Vec<f32>]>,
-    ) -> Result<(Gradients, Vec<[f32; 2]>)> {
+        gradients: &mut Gradients,
+    ) -> Result<Vec<[f32; 2]>> {
         let source = Source::Stored(gaussians);
         tape.check(source, pixels)?;
-        let mut gradients = Gradients::zero(source.len(), source.sh_degree());
+        gradients.clear(source.len(), source.sh_degree());
         let mut shares = vec![[0.0; 2]; if values.is_some() { source.len() } else { 0 }];
         match (&mut self.backend, &tape.views) {
-            (Backend::Cpu(_), Views::Cpu(views)) => {
+            (Backend::Cpu(scratch), Views::Cpu(views)) => {
                 let of_shares = values.map(|values| (values, &mut shares[..]));
-                let by_views = tape.differentiate(source, views, pixels, gradients.sums(), of_shares);
+                let by_views = tape.differentiate(source, views, pixels, (gradients.sums(), of_shares), scratch);
                 (gradients.background, gradients.poses) = by_views;
             }
             #[cfg(feature = "gpu")]
             (Backend::Gpu(_), Views::Gpu(_)) if values.is_some() => return Err(Error::SharesOnGpu),
             #[cfg(feature = "gpu")]
             (Backend::Gpu(gpu), Views::Gpu(views)) => {
-                gpu.backward(views, &tape.cameras, pixels, &mut gradients)?;
+                gpu.backward(views, &tape.cameras, pixels, gradients)?;
             }
             #[cfg(feature = "gpu")]
             _ => return Err(Error::OtherDevice),
         }
-        Ok((gradients, shares))
+        Ok(shares)
     }
 }
 
@@ -375,8 +412,8 @@ impl Tape {
         source: Source<'_>,
         views: &[cpu::Tape],
         pixels: &[PixelGradients],
-        mut sums: Sums<'_>,
-        mut shares: Option<Weighted<'_>>,
+        (mut sums, mut shares): (Sums<'_>, Option<Weighted<'_>>),
+        scratch: &mut cpu::Scratch,
     ) -> ([f64; 3], Vec<PoseGradient>) {
         let isa = Isa::in_use();
         let mut background = [0.0; 3];
@@ -384,7 +421,8 @@ impl Tape {
         for (index, ((view, camera), pixels)) in views.iter().zip(&self.cameras).zip(pixels).enumerate() {
             let shares = shares.as_mut().map(|(values, sums)| cpu::Shares { values: &values[index], sums });
             let found = (&mut sums, &mut background, shares);
-            poses.push(cpu::backward(source, camera, &self.settings, view, pixels, found, isa));
+            let with = (isa, &mut *scratch);
+            poses.push(cpu::backward(source, camera, &self.settings, view, pixels, found, with));
         }
         (background, poses)
     }

@@ -17,14 +17,6 @@ pub(crate) struct Objective<'a> {
     scratch: SsimScratch,
 }
 
-/// One view's share.
-#[derive(Debug)]
-pub(crate) struct OfView {
-    pub(crate) compared: Compared,
-    /// Derivatives of the loss by what is stored.
-    pub(crate) gradients: Gradients,
-}
-
 impl<'a> Objective<'a> {
     /// `low_pass` is the variance of the renderer's filter, square pixels of these views.
     pub(crate) fn new(scene: &Gaussians, views: &'a [View], loss: Loss, low_pass: f32) -> Result<Self> {
@@ -53,16 +45,16 @@ impl<'a> Objective<'a> {
         self.views[view].camera()
     }
 
-    /// Renders a view from where its camera is now, compares and differentiates; `None` if the picture is beyond comparison. Derivatives,
-    /// not the value, are multiplied by `weight`.
+    /// Renders a view from where its camera is now, compares and differentiates by what is stored, into `gradients`; `None` if the picture
+    /// is beyond comparison. Derivatives, not the value, are multiplied by `weight`.
     pub(crate) fn differentiate(
         &mut self,
         scene: &Gaussians,
         (view, camera): (usize, &Camera),
         exposure: Exposure,
         weight: f32,
-        rasterizer: &mut Rasterizer,
-    ) -> Result<Option<OfView>> {
+        (rasterizer, gradients): (&mut Rasterizer, &mut Gradients),
+    ) -> Result<Option<Compared>> {
         let (renderings, tape) = rasterizer.record(scene, std::slice::from_ref(camera), &self.settings)?;
         let image = renderings[0].image.data();
         let target = &self.targets[view];
@@ -70,8 +62,8 @@ impl<'a> Objective<'a> {
         let Some(mut compared) = compared else { return Ok(None) };
         let image = std::mem::take(&mut compared.by_rendering);
         let pixels = PixelGradients { image: image.into(), alpha: None, depth: None };
-        let gradients = rasterizer.backward(scene, &tape, &[pixels])?;
-        Ok(Some(OfView { compared, gradients }))
+        rasterizer.backward_into(scene, &tape, &[pixels], gradients)?;
+        Ok(Some(compared))
     }
 }
 
@@ -93,12 +85,13 @@ mod tests {
         let mut evaluate = |scene: &Gaussians| {
             let (mut value, mut geometry, mut sh) =
                 (0.0, vec![0.0; scene.geometry().len()], vec![0.0; scene.sh().len()]);
+            let mut gradients = Gradients::default();
             for view in views.iter().map(View::camera).enumerate() {
-                let found =
-                    objective.differentiate(scene, view, exposure, 0.5, &mut rasterizer).unwrap().unwrap();
-                value += 0.5 * found.compared.loss;
-                geometry.iter_mut().zip(&found.gradients.geometry).for_each(|(a, b)| *a += f64::from(*b));
-                sh.iter_mut().zip(&found.gradients.sh).for_each(|(a, b)| *a += f64::from(*b));
+                let into = (&mut rasterizer, &mut gradients);
+                let compared = objective.differentiate(scene, view, exposure, 0.5, into).unwrap().unwrap();
+                value += 0.5 * compared.loss;
+                geometry.iter_mut().zip(&gradients.geometry).for_each(|(a, b)| *a += f64::from(*b));
+                sh.iter_mut().zip(&gradients.sh).for_each(|(a, b)| *a += f64::from(*b));
             }
             (value, geometry, sh)
         };

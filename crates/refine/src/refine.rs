@@ -5,7 +5,7 @@ use crate::damping::Floors;
 use crate::exposure::Exposures;
 use crate::half::{half_size, low_pass};
 use crate::limits::{Limits, row_rates};
-use crate::objective::{Objective, OfView};
+use crate::objective::Objective;
 use crate::poses::Poses;
 use crate::schedule::{Turns, decay};
 use crate::{Config, Error, Exposure, Report, Result, Step, StepRecord, Stopped};
@@ -144,6 +144,8 @@ struct Work<'a> {
     limits: Vec<Limits>,
     geometry_moments: Moments,
     sh_moments: Moments,
+    /// Memory for the sum of a step's derivatives, and for those of its views after the first.
+    gradients: [Gradients; 2],
     /// Newest PSNR of every view; none yet at this size.
     psnr: Vec<Option<f64>>,
     /// Updates done.
@@ -182,6 +184,7 @@ impl<'a> Work<'a> {
             geometry_moments: Moments::new(gaussians.geometry().len()),
             sh_moments: Moments::new(gaussians.sh().len()),
             gaussians,
+            gradients: Default::default(),
             psnr,
             updates: 0,
             spent: Duration::ZERO,
@@ -214,30 +217,28 @@ impl<'a> Work<'a> {
     /// all is then as it was.
     fn step(&mut self, chosen: &[usize], factor: f32, rasterizer: &mut Rasterizer) -> Result<Option<f64>> {
         let weight = 1.0 / chosen.len() as f32;
-        let mut sum: Option<Gradients> = None;
+        let [mut sum, mut more] = std::mem::take(&mut self.gradients);
         let mut compared_views = Vec::with_capacity(chosen.len());
         let mut poses = Vec::with_capacity(chosen.len());
         let mut loss = 0.0;
-        for &view in chosen {
+        for (number, &view) in chosen.iter().enumerate() {
             let exposure = self.exposures.of(view);
             let objective = self.coarse.as_mut().unwrap_or(&mut self.objective);
             let camera = self.poses.moved(view, objective.camera(view));
-            let found =
-                objective.differentiate(&self.gaussians, (view, &camera), exposure, weight, rasterizer)?;
-            let Some(OfView { compared, gradients }) = found else { return Ok(None) };
+            let gradients = if number == 0 { &mut sum } else { &mut more };
+            let into = (&mut *rasterizer, &mut *gradients);
+            let compared =
+                objective.differentiate(&self.gaussians, (view, &camera), exposure, weight, into)?;
+            let Some(compared) = compared else { return Ok(None) };
             poses.extend(gradients.poses.first().map(|gradient| (view, camera, *gradient)));
             loss += compared.loss * f64::from(weight);
             compared_views.push((view, compared));
-            match &mut sum {
-                None => sum = Some(gradients),
-                Some(sum) => {
-                    add(&mut sum.geometry, &gradients.geometry);
-                    add(&mut sum.sh, &gradients.sh);
-                }
+            if number > 0 {
+                add(&mut sum.geometry, &more.geometry);
+                add(&mut sum.sh, &more.sh);
             }
         }
-        let Some(gradients) = sum else { return Ok(None) };
-        if !(is_sound(&gradients.geometry) && is_sound(&gradients.sh)) {
+        if chosen.is_empty() || !(is_sound(&sum.geometry) && is_sound(&sum.sh)) {
             return Ok(None);
         }
         for (view, compared) in compared_views {
@@ -245,7 +246,8 @@ impl<'a> Work<'a> {
             self.exposures.draw(view, compared.fit);
         }
         self.updates += 1;
-        self.update(&gradients, factor);
+        self.update(&sum, factor);
+        self.gradients = [sum, more];
         self.poses.update(&poses, factor);
         Ok(Some(loss))
     }

@@ -18,7 +18,7 @@ use std::time::Duration;
 /// How often a waiting caller looks for signals.
 const SIGNALS: Duration = Duration::from_millis(50);
 /// Buffers that are kept to be filled anew: fresh memory costs as much time as filling it. A training step has one tape, which copies
-/// five arrays; there may be a few at once.
+/// five arrays, and five arrays of gradients; there may be a few at once.
 const SPARE: usize = 16;
 
 /// Threads, rasterizers and buffers of one process.
@@ -83,22 +83,31 @@ impl Engine {
         result
     }
 
-    /// A copy of numbers, which all threads write, in a spare buffer of this length if there is any.
-    pub(crate) fn copy(&self, numbers: &[f32]) -> Vec<f32> {
-        const CHUNK: usize = 1 << 14;
+    /// A spare buffer of this length, filled with anything, or a new one of zeros.
+    pub(crate) fn buffer(&self, length: usize) -> Vec<f32> {
         let spare = {
             let mut spare = lock(&self.spare);
-            let found = spare.iter().position(|buffer| buffer.len() == numbers.len());
+            let found = spare.iter().position(|buffer| buffer.len() == length);
             found.map(|at| spare.remove(at))
         };
-        let mut copy = spare.unwrap_or_else(|| vec![0.0; numbers.len()]);
+        spare.unwrap_or_else(|| vec![0.0; length])
+    }
+
+    /// A copy of numbers, which all threads write, in a spare buffer if there is any.
+    pub(crate) fn copy(&self, numbers: &[f32]) -> Vec<f32> {
+        const CHUNK: usize = 1 << 14;
+        let mut copy = self.buffer(numbers.len());
         let chunks = copy.par_chunks_mut(CHUNK).zip(numbers.par_chunks(CHUNK));
         chunks.for_each(|(copy, numbers)| copy.copy_from_slice(numbers));
         copy
     }
 
-    /// Takes buffers back that nobody needs any more.
+    /// Takes buffers back that nobody needs any more. Not in the child of a fork, which has an engine of its own: the lock of this one may
+    /// be held by a thread that the child lacks.
     pub(crate) fn recycle(&self, buffers: impl IntoIterator<Item = Vec<f32>>) {
+        if self.process != std::process::id() {
+            return;
+        }
         let mut spare = lock(&self.spare);
         // The newest come first.
         spare.splice(0..0, buffers);

@@ -6,6 +6,7 @@ mod engine;
 mod failure;
 
 mod kept;
+mod lent;
 mod rasterize;
 mod settings;
 mod tape;

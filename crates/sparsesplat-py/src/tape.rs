@@ -5,8 +5,9 @@ use crate::cameras::pose_gradient;
 use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
 use crate::kept::{Kept, Numbers};
+use crate::lent::lend;
 use crate::rasterize::{Backgrounds, Depth, Drawn, Recording, Request};
-use gs_raster::{Activated, Colors, PixelGradients, PoseGradient, Rasterizer};
+use gs_raster::{Activated, ActivatedGradients, Colors, Gradients, PixelGradients, PoseGradient, Rasterizer};
 use gs_scene::{Gaussians, sh_coefficients};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -149,12 +150,16 @@ impl Tape {
             for (tape, pixels) in self.recorded.tapes.iter().zip(&pixels) {
                 match &numbers {
                     Numbers::Stored(gaussians) => {
-                        let by = rasterizer.backward(gaussians, tape, pixels)?;
+                        let (geometry, sh) = (gaussians.geometry(), gaussians.sh());
+                        let [geometry, sh] = [geometry, sh].map(|array| self.engine.buffer(array.len()));
+                        let mut by = Gradients { geometry, sh, ..Gradients::default() };
+                        rasterizer.backward_into(gaussians, tape, pixels, &mut by)?;
                         let arrays = by_stored(by.geometry, by.sh, gaussians.sh_degree());
                         found.add(arrays, by.background, by.poses);
                     }
                     Numbers::Activated(arrays) => {
-                        let by = rasterizer.backward_activated(arrays, tape, pixels)?;
+                        let mut by = self.buffers(arrays);
+                        rasterizer.backward_activated_into(arrays, tape, pixels, &mut by)?;
                         let gaussians = [by.means, by.quats, by.scales, by.opacities, by.colors];
                         found.add(by_arrays(gaussians, arrays.kind), by.background, by.poses);
                     }
@@ -176,6 +181,14 @@ impl Tape {
             };
         }
         Ok(found)
+    }
+
+    /// Memory for gradients by arrays.
+    fn buffers(&self, arrays: &Activated<'_>) -> ActivatedGradients {
+        let Activated { means, quats, scales, opacities, colors, .. } = arrays;
+        let [means, quats, scales, opacities, colors] =
+            [means, quats, scales, opacities, colors].map(|array| self.engine.buffer(array.len()));
+        ActivatedGradients { means, quats, scales, opacities, colors, ..ActivatedGradients::default() }
     }
 }
 
@@ -219,10 +232,7 @@ impl Found {
 
 impl Drop for Tape {
     fn drop(&mut self) {
-        // The child of a fork has an engine of its own.
-        if self.engine.process() == std::process::id()
-            && let Some(Kept::Copy(copied)) = self.kept.take()
-        {
+        if let Some(Kept::Copy(copied)) = self.kept.take() {
             copied.recycle(self.engine);
         }
     }
@@ -261,7 +271,7 @@ impl Tape {
     fn gradients<'py>(&self, py: Python<'py>, n: usize, found: Found) -> PyResult<Bound<'py, PyDict>> {
         let dict = PyDict::new(py);
         for By { name, numbers, row } in found.arrays {
-            dict.set_item(name, give(py, numbers, [vec![n], row].concat())?)?;
+            dict.set_item(name, lend(py, self.engine, numbers, [vec![n], row].concat())?)?;
         }
         let poses: Vec<f64> = found.poses.iter().flat_map(pose_gradient).collect();
         let shape = [found.poses.len(), 4, 4];

@@ -54,35 +54,63 @@ impl Field<'_> {
     /// Gives every pixel to the cheapest of its neighbours' cells and its own, in two sweeps there and back; cells
     /// spread from their seeds, so this finds nearly the cheapest of all.
     fn assign(&self, cells: &[Cell], labels: &mut [u32], cost: impl Fn(usize, usize, &Cell) -> f32) {
-        let (width, height) = (self.image.width() as isize, self.image.height() as isize);
+        let (width, height) = (self.image.width(), self.image.height());
         let mut costs = vec![f32::INFINITY; labels.len()];
         for (i, &label) in labels.iter().enumerate() {
             if label != NONE {
-                costs[i] = cost(i % width as usize, i / width as usize, &cells[label as usize]);
+                costs[i] = cost(i % width, i / width, &cells[label as usize]);
             }
         }
         for sweep in 0..4 {
             let back = sweep % 2 == 1;
-            for step in 0..width * height {
-                let i = if back { width * height - 1 - step } else { step };
-                let (x, y) = (i % width, i / width);
-                if self.inverse_depth[i as usize] <= 0.0 {
-                    continue;
-                }
-                for (dx, dy) in [(-1, 0), (-1, -1), (0, -1), (1, -1)] {
-                    let (nx, ny) = if back { (x - dx, y - dy) } else { (x + dx, y + dy) };
-                    if nx < 0 || ny < 0 || nx >= width || ny >= height {
+            for row in 0..height {
+                // The way back is the way there seen in a mirror, both in rows and in columns.
+                let y = if back { height - 1 - row } else { row };
+                let (before, this) = match (row, back) {
+                    (0, _) => (None, &mut labels[y * width..][..width]),
+                    (_, false) => {
+                        let (before, this) = labels.split_at_mut(y * width);
+                        (Some(&before[(y - 1) * width..]), &mut this[..width])
+                    }
+                    (_, true) => {
+                        let (this, before) = labels.split_at_mut((y + 1) * width);
+                        (Some(&before[..width]), &mut this[y * width..])
+                    }
+                };
+                for column in 0..width {
+                    let mirrored = |column: usize| if back { width - 1 - column } else { column };
+                    let x = mirrored(column);
+                    let i = y * width + x;
+                    if self.inverse_depth[i] <= 0.0 {
                         continue;
                     }
-                    let label = labels[(ny * width + nx) as usize];
-                    if label == NONE || label == labels[i as usize] {
-                        continue;
+                    let (mut own, mut cheapest) = (this[x], costs[i]);
+                    let mut tried = own;
+                    let mut consider = |label: u32| {
+                        // The same again costs the same.
+                        if label == NONE || label == own || label == tried {
+                            return;
+                        }
+                        tried = label;
+                        let candidate = cost(x, y, &cells[label as usize]);
+                        if candidate < cheapest {
+                            (own, cheapest) = (label, candidate);
+                        }
+                    };
+                    let (has_left, has_right) = (column > 0, column + 1 < width);
+                    if has_left {
+                        consider(this[mirrored(column - 1)]);
                     }
-                    let candidate = cost(x as usize, y as usize, &cells[label as usize]);
-                    if candidate < costs[i as usize] {
-                        costs[i as usize] = candidate;
-                        labels[i as usize] = label;
+                    if let Some(before) = before {
+                        if has_left {
+                            consider(before[mirrored(column - 1)]);
+                        }
+                        consider(before[x]);
+                        if has_right {
+                            consider(before[mirrored(column + 1)]);
+                        }
                     }
+                    (this[x], costs[i]) = (own, cheapest);
                 }
             }
         }

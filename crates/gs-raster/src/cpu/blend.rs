@@ -32,11 +32,15 @@ pub(super) fn patch(x: usize, y: usize) -> (usize, usize) {
 }
 
 /// The pixels of a tile while splats are added.
-#[repr(align(64))]
-struct Tile {
-    rgb: [Plane; 3],
-    trace: Trace,
+struct Tile<'a> {
+    colours: &'a mut Colours,
+    trace: &'a mut Trace,
 }
+
+/// The colours of a tile so far, without what shows of the background.
+#[derive(Clone)]
+#[repr(align(64))]
+struct Colours([Plane; 3]);
 
 /// What the pass backward needs to know of the pixels of a tile.
 #[derive(Debug)]
@@ -81,16 +85,15 @@ pub(super) struct Lists<'a> {
     pub(super) isa: Isa,
 }
 
-/// Blends every tile into `image` `[h, w, 3]`, `alpha` `[h, w]` and `depth` (`[h, w]`, or empty if not asked for). Returns
-/// the traces of the tiles if `record`.
+/// Blends every tile into `image` `[h, w, 3]`, `alpha` `[h, w]` and `depth` (`[h, w]`, or empty if not asked for). Leaves the
+/// traces of the tiles in `traces` if `record`.
 pub(super) fn blend(
     lists: Lists,
     settings: &RenderSettings,
     record: bool,
-    image: &mut [f32],
-    alpha: &mut [f32],
-    depth: &mut [f32],
-) -> Vec<Trace> {
+    (image, alpha, depth): (&mut [f32], &mut [f32], &mut [f32]),
+    traces: &mut Vec<Trace>,
+) {
     let grid = lists.grid;
     let limits = Limits::new(settings);
     let blend_tile = match (settings.depth, record) {
@@ -105,62 +108,83 @@ pub(super) fn blend(
     } else {
         depth.chunks_mut(band).collect()
     };
-    let traces: Vec<Vec<Trace>> = image
+    traces.resize_with(if record { grid.tiles() } else { 0 }, Trace::new);
+    let mut kept: Vec<&mut [Trace]> = if record {
+        traces.chunks_mut(grid.columns).collect()
+    } else {
+        (0..grid.rows).map(|_| <&mut [Trace]>::default()).collect()
+    };
+    image
         .par_chunks_mut(band * 3)
         .zip(alpha.par_chunks_mut(band))
         .zip(&mut depth_bands)
+        .zip(&mut kept)
         .enumerate()
-        .map(|(row, ((image, alpha), depth))| {
-            let tiles: Vec<Box<Tile>> = (0..grid.columns)
-                .into_par_iter()
-                .map(|column| {
-                    let mut tile = Tile::new(grid, column, row);
-                    blend_tile(&mut tile, lists, row * grid.columns + column, limits);
-                    tile
-                })
-                .collect();
+        .for_each_init(RowOfTiles::default, |room, (row, (((image, alpha), depth), kept))| {
+            room.colours.resize(grid.columns, Colours([[[0.0; LANES]; PATCHES]; 3]));
+            let traces = if record {
+                &mut kept[..]
+            } else {
+                room.traces.resize_with(grid.columns, Trace::new);
+                &mut room.traces[..]
+            };
+            let tiles = room.colours.par_iter_mut().zip(&mut *traces);
+            tiles.enumerate().for_each(|(column, (colours, trace))| {
+                let mut tile = Tile { colours, trace };
+                tile.clear(grid, column, row);
+                blend_tile(tile, lists, row * grid.columns + column, limits);
+            });
             for (y, alpha) in alpha.chunks_exact_mut(grid.width).enumerate() {
                 for (x, alpha) in alpha.iter_mut().enumerate() {
-                    let (tile, at) = (&tiles[x / TILE], y * grid.width + x);
+                    let (tile, at) = (x / TILE, y * grid.width + x);
+                    let (Colours(rgb), trace) = (&room.colours[tile], &traces[tile]);
                     let (patch, lane) = patch(x % TILE, y);
-                    let transmittance = tile.trace.transmittance[patch][lane].abs();
+                    let transmittance = trace.transmittance[patch][lane].abs();
                     *alpha = 1.0 - transmittance;
                     for channel in 0..3 {
                         image[at * 3 + channel] =
-                            tile.rgb[channel][patch][lane] + transmittance * settings.background[channel];
+                            rgb[channel][patch][lane] + transmittance * settings.background[channel];
                     }
-                    let weight = tile.trace.weight[patch][lane];
+                    let weight = trace.weight[patch][lane];
                     if let Some(depth) = depth.get_mut(at).filter(|_| weight > 0.0) {
-                        *depth = tile.trace.nearest + tile.trace.depth[patch][lane] / weight;
+                        *depth = trace.nearest + trace.depth[patch][lane] / weight;
                     }
                 }
             }
-            if record { tiles.into_iter().map(|tile| tile.trace).collect() } else { Vec::new() }
-        })
-        .collect();
-    traces.into_iter().flatten().collect()
+        });
 }
 
-impl Tile {
-    /// A tile before the first splat; pixels beyond the image's edge count as done.
-    fn new(grid: Grid, column: usize, row: usize) -> Box<Self> {
-        let mut tile = Box::new(Self {
-            rgb: [[[0.0; LANES]; PATCHES]; 3],
-            trace: Trace {
-                transmittance: [[-1.0; LANES]; PATCHES],
-                last: [[0; LANES]; PATCHES],
-                weight: [[0.0; LANES]; PATCHES],
-                depth: [[0.0; LANES]; PATCHES],
-                nearest: 0.0,
-            },
-        });
+/// Memory for a row of tiles; the traces only where they are not kept.
+#[derive(Default)]
+struct RowOfTiles {
+    colours: Vec<Colours>,
+    traces: Vec<Trace>,
+}
+
+impl Trace {
+    fn new() -> Self {
+        Self {
+            transmittance: [[0.0; LANES]; PATCHES],
+            last: [[0; LANES]; PATCHES],
+            weight: [[0.0; LANES]; PATCHES],
+            depth: [[0.0; LANES]; PATCHES],
+            nearest: 0.0,
+        }
+    }
+}
+
+impl Tile<'_> {
+    /// Makes it a tile before the first splat; pixels beyond the image's edge count as done.
+    fn clear(&mut self, grid: Grid, column: usize, row: usize) {
+        self.colours.0 = [[[0.0; LANES]; PATCHES]; 3];
+        *self.trace = Trace::new();
+        self.trace.transmittance = [[-1.0; LANES]; PATCHES];
         for y in 0..TILE.min(grid.height - row * TILE) {
             for x in 0..TILE.min(grid.width - column * TILE) {
                 let (patch, lane) = patch(x, y);
-                tile.trace.transmittance[patch][lane] = 1.0;
+                self.trace.transmittance[patch][lane] = 1.0;
             }
         }
-        tile
     }
 }
 
@@ -312,7 +336,7 @@ pub(super) fn origin(grid: Grid, tile: usize) -> [u32; 2] {
 
 /// Adds the splats of tile number `index` to `tile`.
 fn blend_tile<const DEPTH: bool, const RECORD: bool>(
-    tile: &mut Tile,
+    tile: Tile<'_>,
     lists: Lists,
     index: usize,
     limits: Limits,
@@ -321,7 +345,7 @@ fn blend_tile<const DEPTH: bool, const RECORD: bool>(
 }
 
 struct Blend<'a, const DEPTH: bool, const RECORD: bool> {
-    tile: &'a mut Tile,
+    tile: Tile<'a>,
     lists: Lists<'a>,
     index: usize,
     limits: Limits,
@@ -334,7 +358,7 @@ impl<const DEPTH: bool, const RECORD: bool> WithSimd for Blend<'_, DEPTH, RECORD
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { tile, lists, index, limits } = self;
         let origin = origin(lists.grid, index);
-        let Tile { rgb, trace } = tile;
+        let Tile { colours: Colours(rgb), trace } = tile;
         let mut place = 0u32;
         let mut batch = [Splat::NONE; BATCH];
         for indices in lists.bins.pieces(index).flat_map(|piece| piece.chunks(BATCH)) {

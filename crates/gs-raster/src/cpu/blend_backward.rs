@@ -27,24 +27,33 @@ pub(super) const MOMENTS: usize = 12;
 /// Where the sums of shares are among the moments.
 pub(super) const SHARES: usize = 10;
 
+/// Memory that is used from one pass to the next.
+#[derive(Debug, Default)]
+pub(crate) struct Buffers {
+    /// Per tile, the moments of the splats of its list.
+    by_tile: Vec<Moments>,
+    by_splat: Vec<Moments>,
+}
+
 /// The sums of all splats.
-pub(super) struct Summed {
+pub(super) struct Summed<'a> {
     /// In the order of depth; but for shares, of the gradients by pixels times a power of two that makes them small: what is finite does
     /// not overflow on the way, and what is tiny keeps its digits.
-    pub(super) moments: Vec<Moments>,
+    pub(super) moments: &'a [Moments],
     /// What they are to be multiplied by.
     pub(super) unit: f64,
 }
 
 /// Sums the gradients of each splat over its pixels, and adds the gradient by the background to `background`. Shares are
 /// summed if there are `values`, one per pixel.
-pub(super) fn sum(
+pub(super) fn sum<'a>(
     lists: Lists,
     settings: &RenderSettings,
     traces: &[Trace],
     (pixels, values): (&PixelGradients, Option<&[f32]>),
     background: &mut [f64; 3],
-) -> Summed {
+    Buffers { by_tile, by_splat }: &'a mut Buffers,
+) -> Summed<'a> {
     let unit = unit(pixels);
     let limits = Limits::new(settings);
     let blend_tile = match (pixels.depth.is_some(), values.is_some()) {
@@ -53,14 +62,25 @@ pub(super) fn sum(
         (true, false) => blend_tile::<true, false>,
         (true, true) => blend_tile::<true, true>,
     };
-    let tiles: Vec<(Vec<Moments>, [f64; 3])> = traces
-        .par_iter()
+    let counts = (0..traces.len()).map(|index| lists.bins.len(index));
+    by_tile.resize(counts.clone().sum(), [0.0; MOMENTS]);
+    let mut rest = &mut by_tile[..];
+    let tiles: Vec<(&mut [Moments], &Trace)> = counts
+        .zip(traces)
+        .map(|(count, trace)| {
+            let (moments, after) = std::mem::take(&mut rest).split_at_mut(count);
+            rest = after;
+            (moments, trace)
+        })
+        .collect();
+    let tiles: Vec<(&[Moments], [f64; 3])> = tiles
+        .into_par_iter()
         .enumerate()
-        .map(|(index, trace)| {
+        .map(|(index, (moments, trace))| {
             let mut tile = Tile::new(lists.grid, index, trace, (pixels, values), settings, unit);
-            let mut moments = vec![[0.0; MOMENTS]; lists.bins.len(index)];
-            blend_tile(&mut tile, &mut moments, lists, index, limits);
-            (moments, tile.background)
+            moments.fill([0.0; MOMENTS]);
+            blend_tile(&mut tile, moments, lists, index, limits);
+            (&*moments, tile.background)
         })
         .collect();
     for (_, tile) in &tiles {
@@ -70,8 +90,8 @@ pub(super) fn sum(
     }
     // Each splat's tiles in the order in which they are listed, whoever sums them.
     let places = lists.bins.places();
-    let mut moments = vec![[0.0; MOMENTS]; places.iter().map(Places::len).sum()];
-    moments.par_chunks_mut(chunk_size(lists.grid)).zip(places).for_each(|(moments, places)| {
+    by_splat.resize(places.iter().map(Places::len).sum(), [0.0; MOMENTS]);
+    by_splat.par_chunks_mut(chunk_size(lists.grid)).zip(places).for_each(|(moments, places)| {
         let mut moments = moments.iter_mut();
         places.for_each(|places| {
             let mut sum = [0.0; MOMENTS];
@@ -85,7 +105,7 @@ pub(super) fn sum(
             }
         });
     });
-    Summed { moments, unit }
+    Summed { moments: by_splat, unit }
 }
 
 /// A number as f32: at most the largest there is, and 0 for what is none.

@@ -20,7 +20,7 @@ pub(super) fn project_backward(
     camera: &Camera,
     settings: &RenderSettings,
     (Lists { splats, isa, .. }, order): (Lists, &[u32]),
-    summed: &Summed,
+    summed: &Summed<'_>,
     sums: &mut Sums<'_>,
     shares: Option<&mut [[f32; 2]]>,
 ) -> PoseGradient {
@@ -80,13 +80,13 @@ fn compiled<const DEGREE: usize>(
     isa: Isa,
     chunk: &mut Chunk<'_>,
     view: &View,
-    summed: &Summed,
+    summed: &Summed<'_>,
 ) -> PoseGradient {
     compiled_for!(isa, chunk_backward::<DEGREE>(chunk, view, summed))
 }
 
 #[inline(always)]
-fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summed: &Summed) -> PoseGradient {
+fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summed: &Summed<'_>) -> PoseGradient {
     let coefficients = sh_coefficients(DEGREE);
     let mut room = [0.0; 3];
     let mut stored = Columns::new();

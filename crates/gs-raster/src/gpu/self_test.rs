@@ -25,7 +25,8 @@ impl Gpu {
     pub(super) fn self_test(&mut self) -> Result<()> {
         let (scene, camera, settings) = scene();
         let (views, tape) = self.record(&scene, &[camera], &settings)?;
-        let mut gradients = crate::Gradients::zero(scene.len(), scene.sh_degree());
+        let mut gradients = crate::Gradients::default();
+        gradients.clear(scene.len(), scene.sh_degree());
         self.backward(&tape, &[camera], &[loss()], &mut gradients)?;
         let (view, pose) = (&views[0], gradients.poses[0]);
         // What is not recorded and has no depth goes another way through the shaders.
