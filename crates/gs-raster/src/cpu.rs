@@ -186,7 +186,8 @@ fn draw(
     seconds.bin = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
-    let mut image = Image::filled(width, height, settings.background)?;
+    // Every pixel is written, by all threads: the pages of fresh memory are not made by one alone.
+    let mut image = Image::new(width, height, vec![0.0; width * height * 3])?;
     let mut alpha = vec![0.0; width * height];
     let mut depth = vec![0.0; if settings.depth { width * height } else { 0 }];
     let lists = blend::Lists { splats: &frame.splats, bins: &frame.bins, grid, isa };

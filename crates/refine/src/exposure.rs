@@ -1,5 +1,7 @@
 //! Gain and bias of each view: photograph ≈ gain · rendering + bias.
 
+use crate::loss::CHUNK;
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// Gains and biases are only fitted if, at the start, one of them would move a dark or a light grey by more
@@ -28,19 +30,23 @@ impl Exposure {
     /// Least squares of a photograph by its rendering, drawn towards the gain `self` and kept within a factor
     /// of two. Drawn towards no change, step by step, the scene would follow.
     pub(crate) fn fit(self, rendering: &[f32], photograph: &[f32]) -> Self {
-        let [mut n, mut r, mut p, mut rr, mut rp] = [0.0f64; 5];
-        for (&a, &b) in rendering.iter().zip(photograph) {
-            // What is black or blown out has lost its exposure. (In a photograph that was brought into
-            // another exposure such pixels are no longer told apart: few, as a rule.)
-            if (0.02..0.98).contains(&b) {
-                let (a, b) = (f64::from(a), f64::from(b));
-                n += 1.0;
-                r += a;
-                p += b;
-                rr += a * a;
-                rp += a * b;
+        // Numbers, their sums, and the sums of their products; task by task, so that rounding does not depend on threads.
+        let of_task = |(rendering, photograph): (&[f32], &[f32])| {
+            let mut sums = [0.0f64; 5];
+            for (&a, &b) in rendering.iter().zip(photograph) {
+                // What is black or blown out has lost its exposure. (In a photograph that was brought into
+                // another exposure such pixels are no longer told apart: few, as a rule.)
+                if (0.02..0.98).contains(&b) {
+                    let (a, b) = (f64::from(a), f64::from(b));
+                    sums.iter_mut().zip([1.0, a, b, a * a, a * b]).for_each(|(sum, term)| *sum += term);
+                }
             }
-        }
+            sums
+        };
+        let tasks: Vec<[f64; 5]> =
+            rendering.par_chunks(CHUNK).zip(photograph.par_chunks(CHUNK)).map(of_task).collect();
+        let [n, r, p, rr, rp] =
+            tasks.iter().fold([0.0; 5], |total, sums| std::array::from_fn(|k| total[k] + sums[k]));
         if n == 0.0 {
             return self;
         }

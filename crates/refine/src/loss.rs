@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 /// Numbers per parallel task. Fixed, and sums over tasks are taken in order, so that rounding does not depend
 /// on threads.
-const CHUNK: usize = 3 << 12;
+pub(crate) const CHUNK: usize = 3 << 12;
 
 /// Colours beyond this have a loss that f32 does not hold well: the step that led to them is not believed.
 const LARGEST: f32 = 1e6;
@@ -61,7 +61,7 @@ impl<'a> Target<'a> {
     ) -> Option<Compared> {
         let n = rendering.len();
         let Exposure { gain, bias } = exposure;
-        if !rendering.par_chunks(CHUNK).all(|chunk| chunk.iter().all(|v| v.abs() <= LARGEST)) {
+        if !is_comparable(rendering) {
             return None;
         }
         let exposed: Vec<f32>;
@@ -110,14 +110,40 @@ impl<'a> Target<'a> {
         if gain != 1.0 {
             gradient.par_iter_mut().with_min_len(CHUNK).for_each(|g| *g *= gain);
         }
-        let psnr = -10.0 * (total.clipped / n as f64).log10();
         Some(Compared {
             loss: value,
-            psnr,
+            psnr: psnr(total.clipped, n),
             by_rendering: gradient,
             fit: exposure.fit(rendering, self.photograph),
         })
     }
+
+    /// Of [`Target::compare`] only the exposure in which a rendering would be closest to the photograph, and its PSNR as it is.
+    pub(crate) fn look(&self, rendering: &[f32]) -> Option<(Exposure, f64)> {
+        let pairs = rendering.par_chunks(CHUNK).zip(self.photograph.par_chunks(CHUNK));
+        let squares = pairs.map(|(seen, photograph)| {
+            seen.iter().zip(photograph).fold(0.0, |sum, (&seen, &photograph)| sum + clipped(seen, photograph))
+        });
+        let squares: Vec<f64> = squares.collect();
+        let psnr = psnr(squares.iter().sum(), rendering.len());
+        is_comparable(rendering).then(|| (Exposure::NONE.fit(rendering, self.photograph), psnr))
+    }
+}
+
+/// Whether colours are finite and not beyond all measure.
+fn is_comparable(rendering: &[f32]) -> bool {
+    rendering.par_chunks(CHUNK).all(|chunk| chunk.iter().all(|v| v.abs() <= LARGEST))
+}
+
+/// The squared difference after clipping to 0..1.
+fn clipped(seen: f32, photograph: f32) -> f64 {
+    let difference = f64::from(seen.clamp(0.0, 1.0) - photograph.clamp(0.0, 1.0));
+    difference * difference
+}
+
+/// dB, of `n` squared differences with this sum.
+fn psnr(squares: f64, n: usize) -> f64 {
+    -10.0 * (squares / n as f64).log10()
 }
 
 /// Writes the derivative of a sum of terms of the differences, times `weight`; `term` gives value and
@@ -134,8 +160,7 @@ fn colour_term(
         let (value, slope) = term(seen - photograph);
         *gradient = weight * slope;
         sums.colour += value;
-        let clipped = f64::from(seen.clamp(0.0, 1.0) - photograph.clamp(0.0, 1.0));
-        sums.clipped += clipped * clipped;
+        sums.clipped += clipped(seen, photograph);
     }
     sums
 }
@@ -218,6 +243,7 @@ mod tests {
                 rendering[7] = wild;
                 let mut scratch = SsimScratch::default();
                 assert!(target.compare(&rendering, Exposure::NONE, loss, 1.0, &mut scratch).is_none());
+                assert!(target.look(&rendering).is_none());
             }
         }
     }
@@ -228,7 +254,10 @@ mod tests {
         let photograph: Vec<f32> = (0..432).map(|i| (i % 11) as f32 / 8.0 - 0.1).collect();
         let rendering: Vec<f32> = (0..432).map(|i| (i % 7) as f32 / 4.0 - 0.3).collect();
         let view = view(photograph);
-        let found = compare(&view, &rendering, Exposure::NONE, Loss::default(), 1.0).psnr;
+        let compared = compare(&view, &rendering, Exposure::NONE, Loss::default(), 1.0);
+        let found = compared.psnr;
+        let looked = Target::new(&view, Loss::default()).look(&rendering);
+        assert_eq!(looked, Some((compared.fit, found)));
         let other = Image::new(12, 12, rendering).unwrap();
         assert!((found - image_metrics::psnr(view.image(), &other).unwrap()).abs() < 1e-5);
     }

@@ -5,6 +5,7 @@ use crate::{Exposure, Loss, Result};
 use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, near_plane};
 use gs_scene::{Camera, Gaussians, View};
 use image_metrics::SsimScratch;
+use rayon::prelude::*;
 
 /// How far a scene is from photographs, view by view.
 #[derive(Debug)]
@@ -20,7 +21,7 @@ pub(crate) struct Objective<'a> {
 impl<'a> Objective<'a> {
     /// `low_pass` is the variance of the renderer's filter, square pixels of these views.
     pub(crate) fn new(scene: &Gaussians, views: &'a [View], loss: Loss, low_pass: f32) -> Result<Self> {
-        let targets = views.iter().map(|view| Target::new(view, loss)).collect();
+        let targets = views.par_iter().map(|view| Target::new(view, loss)).collect();
         let near = views.iter().map(|view| near_plane(scene, view.camera())).fold(f32::INFINITY, f32::min);
         let settings = RenderSettings { near, eps2d: low_pass, ..RenderSettings::default() };
         Ok(Self { views, targets, loss, settings, scratch: SsimScratch::default() })
@@ -29,15 +30,13 @@ impl<'a> Objective<'a> {
     /// Exposure in which a view's photograph is closest to the scene as it is, and the PSNR without one; NaN
     /// if the rendering cannot be compared.
     pub(crate) fn look(
-        &mut self,
+        &self,
         scene: &Gaussians,
         view: usize,
         rasterizer: &mut Rasterizer,
     ) -> Result<(Exposure, f64)> {
         let rendering = rasterizer.render(scene, self.views[view].camera(), &self.settings)?;
-        let (image, target) = (rendering.image.data(), &self.targets[view]);
-        let compared = target.compare(image, Exposure::NONE, self.loss, 1.0, &mut self.scratch);
-        Ok(compared.map_or((Exposure::NONE, f64::NAN), |compared| (compared.fit, compared.psnr)))
+        Ok(self.targets[view].look(rendering.image.data()).unwrap_or((Exposure::NONE, f64::NAN)))
     }
 
     /// The camera of a view, as it was given.

@@ -163,7 +163,7 @@ impl<'a> Work<'a> {
     ) -> Result<Self> {
         let gaussians = gaussians.with_sh_degree(config.sh_degree).expect("degree checked");
         let whole = RenderSettings::default().eps2d;
-        let mut objective = Objective::new(&gaussians, views, config.loss, whole)?;
+        let objective = Objective::new(&gaussians, views, config.loss, whole)?;
         let coarse =
             half.map(|half| Objective::new(&gaussians, half, config.loss, low_pass())).transpose()?;
         let mut at_start = vec![Exposure::NONE; views.len()];
