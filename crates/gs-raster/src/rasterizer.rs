@@ -306,7 +306,8 @@ impl Rasterizer {
         match (&mut self.backend, &tape.views) {
             (Backend::Cpu(scratch), Views::Cpu(views)) => {
                 found.clear(gaussians);
-                let by_views = tape.differentiate(source, views, pixels, (found.sums(gaussians.kind), None), scratch);
+                let by_views =
+                    tape.differentiate(source, views, pixels, (found.sums(gaussians.kind), None), scratch);
                 (found.background, found.poses) = by_views;
                 found.chain(gaussians);
             }
@@ -365,7 +366,8 @@ impl Rasterizer {
         match (&mut self.backend, &tape.views) {
             (Backend::Cpu(scratch), Views::Cpu(views)) => {
                 let of_shares = values.map(|values| (values, &mut shares[..]));
-                let by_views = tape.differentiate(source, views, pixels, (gradients.sums(), of_shares), scratch);
+                let by_views =
+                    tape.differentiate(source, views, pixels, (gradients.sums(), of_shares), scratch);
                 (gradients.background, gradients.poses) = by_views;
             }
             #[cfg(feature = "gpu")]

@@ -1,7 +1,10 @@
 //! Numpy arrays on memory of the engine, which is used again when the last array on it goes: PyTorch holds the gradients of a step until
 //! the next one, and memory that is given back to the system in between has to be made anew.
 
-#![allow(unsafe_code, reason = "numpy does not know who owns an array's memory but by the object that it keeps alive")]
+#![allow(
+    unsafe_code,
+    reason = "numpy does not know who owns an array's memory but by the object that it keeps alive"
+)]
 
 use crate::engine::Engine;
 use numpy::PyArray;

@@ -121,6 +121,32 @@ def test_a_tape_may_be_used_again_and_after_the_arrays_changed():
         np.testing.assert_array_equal(first[name], again[name])
 
 
+def test_memory_is_used_again_only_after_its_array_is_gone():
+    arrays, views = scene(1000, sh_degree=2), cameras(1)
+    colors, _, _, tape = ss.record(**arrays, **views, sh_degree=2, device="cpu")
+    names = ("means", "quats", "scales", "opacities", "colors")
+    kept = tape.backward(np.ones_like(colors))
+    expected = {name: kept[name].copy() for name in names}
+    place = kept["colors"].ctypes.data
+    view = kept["colors"][5:, 1:]
+    for number in range(3):
+        other = tape.backward(np.full_like(colors, number))
+        assert other["colors"].ctypes.data != place
+    for name in names:
+        np.testing.assert_array_equal(kept[name], expected[name])
+        kept[name] += 1
+    # A view keeps it, too.
+    del kept
+    other = tape.backward(np.zeros_like(colors))
+    np.testing.assert_array_equal(view, expected["colors"][5:, 1:] + 1)
+    assert not other["colors"].any()
+    del view
+    again = tape.backward(np.ones_like(colors))
+    assert again["colors"].ctypes.data == place
+    for name in names:
+        np.testing.assert_array_equal(again[name], expected[name])
+
+
 def test_a_tape_without_a_copy_reads_the_arrays_again():
     arrays, views = scene(10, sh_degree=2), cameras(2)
     settings = dict(sh_degree=2, device="cpu")

@@ -32,6 +32,7 @@ fn bound_max(settings: &RenderSettings) -> f64 {
 }
 
 /// What is the same for all Gaussians of a view.
+#[derive(Clone, Copy)]
 pub(super) struct View {
     pub(super) rotation: DMat3,
     pub(super) translation: DVec3,
@@ -95,6 +96,7 @@ impl View {
 }
 
 /// The stored geometry of some Gaussians, column by column.
+#[derive(Clone, Copy)]
 pub(super) struct Columns([[f32; BLOCK]; Gaussians::GEOMETRY]);
 
 impl Columns {

@@ -26,6 +26,15 @@ pub(super) fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     cast(simd.add_u32s(cast(p), power))
 }
 
+/// A whole number from 0 to 2³², exclusive, as an integer; of any other number, some integer. A cast would hold others at the ends, for
+/// which there are no vector instructions.
+#[inline(always)]
+pub(super) fn small_integer(x: f64) -> u32 {
+    // Of numbers from 2⁵² on the low bits count ones.
+    const ONES: f64 = 4_503_599_627_370_496.0;
+    (x + ONES).to_bits() as u32
+}
+
 /// e^x, relative error below 1e-11 where the result is a normal number; 0 or a huge number beyond |x| = 690.
 #[inline(always)]
 pub(crate) fn exp(x: f64) -> f64 {
@@ -116,6 +125,20 @@ mod tests {
         for (x, low, high) in [(-1e300, 0.0, 1e-290), (f64::NEG_INFINITY, 0.0, 1e-290), (1e300, 1e290, 1e300)]
         {
             assert!((low..high).contains(&exp(x)), "e^{x}");
+        }
+    }
+
+    #[test]
+    fn small_integers_are_those_of_a_cast() {
+        for x in (0..5000)
+            .chain((0..32).flat_map(|bit| [(1_u64 << bit) - 1, 1 << bit]))
+            .chain([u64::from(u32::MAX)])
+        {
+            assert_eq!(small_integer(x as f64), x as u32);
+        }
+        // Whatever comes out, it does come out.
+        for x in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -3.0, 1e300] {
+            let _ = small_integer(x);
         }
     }
 

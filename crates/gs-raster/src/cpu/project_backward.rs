@@ -86,7 +86,11 @@ fn compiled<const DEGREE: usize>(
 }
 
 #[inline(always)]
-fn chunk_backward<const DEGREE: usize>(chunk: &mut Chunk<'_>, view: &View, summed: &Summed<'_>) -> PoseGradient {
+fn chunk_backward<const DEGREE: usize>(
+    chunk: &mut Chunk<'_>,
+    view: &View,
+    summed: &Summed<'_>,
+) -> PoseGradient {
     let coefficients = sh_coefficients(DEGREE);
     let mut room = [0.0; 3];
     let mut stored = Columns::new();

@@ -46,8 +46,10 @@ fn outcome_at_first(view: &View, stored: &Columns, place: usize) -> u32 {
 /// The shapes of Gaussians that passed the first look.
 #[inline(always)]
 pub(super) fn find_shapes(shapes: &mut Shapes, view: &View, stored: &Columns) {
+    // Copies: of what is only referred to, the compiler does not see that no store changes it, and then makes no vectors of the loop.
+    let (view, stored) = (*view, *stored);
     for place in 0..BLOCK {
-        shapes.set(place, view, stored);
+        shapes.set(place, &view, &stored);
     }
 }
 
@@ -88,8 +90,8 @@ pub(super) struct Shapes {
     shear: [f32; BLOCK],
     half_width: [f32; BLOCK],
     /// First and last column and row of the image that the ellipse may touch.
-    first: [[i32; BLOCK]; 2],
-    last: [[i32; BLOCK]; 2],
+    first: [[u32; BLOCK]; 2],
+    last: [[u32; BLOCK]; 2],
     /// From the camera to the Gaussian.
     pub(super) direction: [[f32; BLOCK]; 3],
 }
@@ -142,8 +144,8 @@ impl Shapes {
             let first = (centre[axis] - extent[axis] - 0.5).ceil().max(0.0);
             let last = (centre[axis] + extent[axis] - 0.5).floor().min(view.size[axis] - 1.0);
             is_inside &= first <= last;
-            self.first[axis][place] = first as i32;
-            self.last[axis][place] = last as i32;
+            self.first[axis][place] = math::small_integer(first);
+            self.last[axis][place] = math::small_integer(last);
         }
         self.outcome[place] =
             if is_shaped { if is_drawn & is_inside { DRAWN } else { CULLED } } else { REJECTED };
@@ -172,14 +174,14 @@ impl Shapes {
             depth: self.depth[place],
             shear: self.shear[place],
             half_width: self.half_width[place],
-            rows: [self.first[1][place] as u32, self.last[1][place] as u32],
+            rows: [self.first[1][place], self.last[1][place]],
             gaussian,
         }
     }
 
     #[inline(always)]
     pub(super) fn bounds(&self, place: usize) -> Bounds {
-        let of = |axis: usize| [self.first[axis][place] as u32, self.last[axis][place] as u32];
+        let of = |axis: usize| [self.first[axis][place], self.last[axis][place]];
         Bounds { columns: of(0), rows: of(1) }
     }
 }

@@ -363,6 +363,13 @@ proptest! {
         let expected = rasterizer.backward(&stored, &tape, &pixels).expect("valid").activated(&arrays.view());
         let (found_views, tape) = rasterizer.record_activated(&arrays.view(), &cameras, &settings).expect("valid");
         let found = rasterizer.backward_activated(&arrays.view(), &tape, &pixels).expect("valid");
+        // In memory that holds something else.
+        let mut again = found.clone();
+        let numbers = [&mut again.means, &mut again.scales, &mut again.colors];
+        numbers.into_iter().flatten().for_each(|number| *number = f32::NAN);
+        again.quats.clear();
+        rasterizer.backward_activated_into(&arrays.view(), &tape, &pixels, &mut again).expect("valid");
+        prop_assert_eq!(&again, &found);
         for (found, expected) in found_views.iter().zip(&views) {
             prop_assert_eq!(bits(found), bits(expected));
         }

@@ -163,6 +163,12 @@ fn views_of_a_batch_add_up() {
     let mut rasterizer = Rasterizer::cpu();
     let (_, tape) = rasterizer.record(&scene, &cameras, &with_depth()).expect("valid");
     let both = rasterizer.backward(&scene, &tape, &pixels).expect("valid");
+    // In memory that holds the gradients of other pictures.
+    let mut again = rasterizer.backward(&scene, &tape, &pixels).expect("valid");
+    again.geometry.fill(f32::NAN);
+    again.sh.pop();
+    rasterizer.backward_into(&scene, &tape, &pixels, &mut again).expect("valid");
+    assert_eq!(again, both);
     let each = [0, 1].map(|view| backward(&scene, &cameras[view], &with_depth(), &pixels[view]));
     assert_eq!(both.poses, [each[0].poses[0], each[1].poses[0]]);
     for (buffer, [a, b]) in
