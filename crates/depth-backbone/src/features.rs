@@ -120,6 +120,11 @@ fn laplacian([left, right, up, down]: [f32; 4], centre: f32) -> f32 {
 pub(crate) fn bank(view: &View, depth: &DepthMap, confidence: &[f32], cost: &[f32]) -> Result<FeatureMap> {
     let (width, height) = (depth.width(), depth.height());
     let luma = view.image().luma();
+    for (what, found) in [("confidence", confidence.len()), ("matching cost", cost.len())] {
+        if found != luma.len() {
+            return Err(gs_scene::Error::Length { what, expected: luma.len(), found }.into());
+        }
+    }
     let mut smooth_luma = vec![0.0; luma.len()];
     box_mean(&luma, width, RADII[1], &mut smooth_luma);
 
@@ -304,6 +309,8 @@ mod tests {
         assert_ne!(of(&dark).data(), of(&bright).data());
         assert_eq!(geometry.features.as_ref().map(|f| (f.channels(), f.schema())), Some((32, "s")));
         assert!(geometry.feature_map(&view(4, 6, data(1.0))).is_err());
+        let short = ViewGeometry { confidence: vec![1.0; 23], ..geometry.clone() };
+        assert!(short.feature_map(&bright).unwrap_err().to_string().contains("confidence"));
         geometry.follows_colours().unwrap();
 
         let network = of(&dark).with_schema("a network's");

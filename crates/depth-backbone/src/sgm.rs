@@ -140,7 +140,7 @@ impl WithSimd for Aggregate<'_> {
                 let y = if backward { height - 1 - row } else { row };
                 along.restart(planes);
                 if !backward {
-                    // Written before they are read: of fresh memory that is only read, the system makes each page twice.
+                    // Written before they are read: of fresh memory that is read first, the system makes each page twice.
                     sums[y * width * planes..][..width * planes].fill(0);
                 }
                 for column in 0..width {

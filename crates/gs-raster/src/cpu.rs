@@ -123,8 +123,10 @@ pub(crate) struct Tape {
 
 impl Drop for Tape {
     fn drop(&mut self) {
-        let mut free = self.home.lock().unwrap_or_else(PoisonError::into_inner);
-        if free.len() < FREE_MAX {
+        // Not waited for: in the child of a fork nobody would unlock it.
+        if let Ok(mut free) = self.home.try_lock()
+            && free.len() < FREE_MAX
+        {
             free.push(std::mem::take(&mut self.frame));
         }
     }

@@ -182,7 +182,7 @@ fn chain((by_scales, scales): (&mut [f32], &[f32]), (by_opacities, opacities): (
     }
 }
 
-/// As many zeros, in the memory of `numbers` if that has the right length. Fresh memory is one page of zeros shown many times: to read a
+/// `length` zeros, in the memory of `numbers` if that has the right length. Fresh memory is one page of zeros shown many times: to read a
 /// number and write it back would have the system make room for each page twice, and stop all threads every time. So it is filled first.
 fn clear(numbers: &mut Vec<f32>, length: usize) {
     if numbers.len() != length {

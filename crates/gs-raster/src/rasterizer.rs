@@ -255,7 +255,7 @@ impl Rasterizer {
         Ok(found)
     }
 
-    /// As [`Rasterizer::backward`], in place of what `found` held. Its arrays are used again where they have the right length: fresh memory
+    /// As [`Rasterizer::backward`], in place of what `found` held. On the CPU its arrays are used again where they have the right length: fresh memory
     /// costs as much time as filling it.
     ///
     /// # Errors

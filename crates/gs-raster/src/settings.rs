@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// The most pairs of Gaussian and tile that are listed: 1 GiB of indices.
 pub(crate) const INTERSECTIONS_MAX: u64 = 1 << 28;
-/// The most pairs that are listed where gradients are to be summed by pair, ten numbers each: 1 GiB of them.
+/// The most pairs that are listed where gradients are to be summed by pair, at least ten numbers each: some 1 GiB of them.
 pub(crate) const INTERSECTIONS_MAX_RECORDED: u64 = (1 << 28) / 10;
 
 /// Size at which [`Style::Ellipsoids`] draws a Gaussian, standard deviations.

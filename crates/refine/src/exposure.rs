@@ -30,7 +30,7 @@ impl Exposure {
     /// Least squares of a photograph by its rendering, drawn towards the gain `self` and kept within a factor
     /// of two. Drawn towards no change, step by step, the scene would follow.
     pub(crate) fn fit(self, rendering: &[f32], photograph: &[f32]) -> Self {
-        // Numbers, their sums, and the sums of their products; task by task, so that rounding does not depend on threads.
+        // Count, sums, sum of squares and of products; task by task, so that rounding does not depend on threads.
         let of_task = |(rendering, photograph): (&[f32], &[f32])| {
             let mut sums = [0.0f64; 5];
             for (&a, &b) in rendering.iter().zip(photograph) {

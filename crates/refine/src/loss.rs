@@ -118,15 +118,18 @@ impl<'a> Target<'a> {
         })
     }
 
-    /// Of [`Target::compare`] only the exposure in which a rendering would be closest to the photograph, and its PSNR as it is.
+    /// The exposure in which a rendering would be closest to the photograph, and its PSNR without one, as [`Target::compare`] finds them.
     pub(crate) fn look(&self, rendering: &[f32]) -> Option<(Exposure, f64)> {
+        if !is_comparable(rendering) {
+            return None;
+        }
         let pairs = rendering.par_chunks(CHUNK).zip(self.photograph.par_chunks(CHUNK));
         let squares = pairs.map(|(seen, photograph)| {
             seen.iter().zip(photograph).fold(0.0, |sum, (&seen, &photograph)| sum + clipped(seen, photograph))
         });
         let squares: Vec<f64> = squares.collect();
         let psnr = psnr(squares.iter().sum(), rendering.len());
-        is_comparable(rendering).then(|| (Exposure::NONE.fit(rendering, self.photograph), psnr))
+        Some((Exposure::NONE.fit(rendering, self.photograph), psnr))
     }
 }
 

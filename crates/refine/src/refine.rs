@@ -217,7 +217,6 @@ impl<'a> Work<'a> {
     /// all is then as it was.
     fn step(&mut self, chosen: &[usize], factor: f32, rasterizer: &mut Rasterizer) -> Result<Option<f64>> {
         let weight = 1.0 / chosen.len() as f32;
-        let [mut sum, mut more] = std::mem::take(&mut self.gradients);
         let mut compared_views = Vec::with_capacity(chosen.len());
         let mut poses = Vec::with_capacity(chosen.len());
         let mut loss = 0.0;
@@ -225,7 +224,7 @@ impl<'a> Work<'a> {
             let exposure = self.exposures.of(view);
             let objective = self.coarse.as_mut().unwrap_or(&mut self.objective);
             let camera = self.poses.moved(view, objective.camera(view));
-            let gradients = if number == 0 { &mut sum } else { &mut more };
+            let gradients = &mut self.gradients[number.min(1)];
             let into = (&mut *rasterizer, &mut *gradients);
             let compared =
                 objective.differentiate(&self.gaussians, (view, &camera), exposure, weight, into)?;
@@ -234,10 +233,12 @@ impl<'a> Work<'a> {
             loss += compared.loss * f64::from(weight);
             compared_views.push((view, compared));
             if number > 0 {
+                let [sum, more] = &mut self.gradients;
                 add(&mut sum.geometry, &more.geometry);
                 add(&mut sum.sh, &more.sh);
             }
         }
+        let [sum, _] = &self.gradients;
         if chosen.is_empty() || !(is_sound(&sum.geometry) && is_sound(&sum.sh)) {
             return Ok(None);
         }
@@ -246,8 +247,9 @@ impl<'a> Work<'a> {
             self.exposures.draw(view, compared.fit);
         }
         self.updates += 1;
-        self.update(&sum, factor);
-        self.gradients = [sum, more];
+        let gradients = std::mem::take(&mut self.gradients);
+        self.update(&gradients[0], factor);
+        self.gradients = gradients;
         self.poses.update(&poses, factor);
         Ok(Some(loss))
     }

@@ -85,12 +85,15 @@ impl Engine {
 
     /// A spare buffer of this length, filled with anything, or a new one of zeros.
     pub(crate) fn buffer(&self, length: usize) -> Vec<f32> {
-        let spare = {
-            let mut spare = lock(&self.spare);
-            let found = spare.iter().position(|buffer| buffer.len() == length);
-            found.map(|at| spare.remove(at))
-        };
-        spare.unwrap_or_else(|| vec![0.0; length])
+        let mut spare = lock(&self.spare);
+        let found = spare.iter().position(|buffer| buffer.len() == length);
+        if let Some(at) = found {
+            return spare.remove(at);
+        }
+        // Where none fits, the oldest goes: lengths that nobody asks for any more leave in time.
+        spare.pop();
+        drop(spare);
+        vec![0.0; length]
     }
 
     /// A copy of numbers, which all threads write, in a spare buffer if there is any.

@@ -36,8 +36,8 @@ pub(crate) fn lend<'py>(
     let mut lent = owner.borrow_mut();
     let wrong = |error: ShapeError| PyValueError::new_err(format!("an array of another length: {error}"));
     let view = ArrayViewMut::from_shape(shape.into_dimension(), &mut lent.numbers[..]).map_err(wrong)?;
-    // SAFETY: the array keeps `owner` alive, which keeps its numbers where they are until it is dropped, and which nobody else sees: there
-    // is no method of `Lent`, and this borrow ends before the array is shown to anyone.
+    // SAFETY: the array keeps `owner` alive, which keeps its numbers where they are until it is dropped. `Lent` has neither constructor nor
+    // method, so that no code borrows or replaces them before that, though Python sees it as the array's base; this borrow ends here.
     let array = unsafe { PyArray::borrow_from_array(&view, owner.clone().into_any()) };
     drop(lent);
     Ok(array.into_any())

@@ -155,13 +155,13 @@ impl Tape {
                         let mut by = Gradients { geometry, sh, ..Gradients::default() };
                         rasterizer.backward_into(gaussians, tape, pixels, &mut by)?;
                         let arrays = by_stored(by.geometry, by.sh, gaussians.sh_degree());
-                        found.add(arrays, by.background, by.poses);
+                        found.add(self.engine, arrays, (by.background, by.poses));
                     }
                     Numbers::Activated(arrays) => {
                         let mut by = self.buffers(arrays);
                         rasterizer.backward_activated_into(arrays, tape, pixels, &mut by)?;
                         let gaussians = [by.means, by.quats, by.scales, by.opacities, by.colors];
-                        found.add(by_arrays(gaussians, arrays.kind), by.background, by.poses);
+                        found.add(self.engine, by_arrays(gaussians, arrays.kind), (by.background, by.poses));
                     }
                 }
             }
@@ -216,13 +216,14 @@ fn by_arrays([means, quats, scales, opacities, colors]: [Vec<f32>; 5], kind: Col
 }
 
 impl Found {
-    /// Adds the gradients of a run.
-    fn add(&mut self, arrays: Vec<By>, background: [f64; 3], poses: Vec<PoseGradient>) {
+    /// Adds the gradients of a run, whose memory goes back to the engine.
+    fn add(&mut self, engine: &Engine, arrays: Vec<By>, (background, poses): ([f64; 3], Vec<PoseGradient>)) {
         if self.arrays.is_empty() {
             self.arrays = arrays;
         } else {
             for (sum, found) in self.arrays.iter_mut().zip(arrays) {
-                sum.numbers.par_iter_mut().zip(found.numbers).for_each(|(sum, found)| *sum += found);
+                sum.numbers.par_iter_mut().zip(&found.numbers).for_each(|(sum, found)| *sum += found);
+                engine.recycle([found.numbers]);
             }
         }
         self.backgrounds.push(background);

@@ -108,7 +108,11 @@ pub(super) fn blend(
     } else {
         depth.chunks_mut(band).collect()
     };
-    traces.resize_with(if record { grid.tiles() } else { 0 }, Trace::new);
+    if record && traces.len() != grid.tiles() {
+        traces.clear();
+        traces.shrink_to(grid.tiles());
+        traces.resize_with(grid.tiles(), Trace::new);
+    }
     let mut kept: Vec<&mut [Trace]> = if record {
         traces.chunks_mut(grid.columns).collect()
     } else {

@@ -63,8 +63,7 @@ pub(super) fn sum<'a>(
         (true, true) => blend_tile::<true, true>,
     };
     let counts = (0..traces.len()).map(|index| lists.bins.len(index));
-    by_tile.resize(counts.clone().sum(), [0.0; MOMENTS]);
-    let mut rest = &mut by_tile[..];
+    let mut rest = entries(by_tile, counts.clone().sum());
     let tiles: Vec<(&mut [Moments], &Trace)> = counts
         .zip(traces)
         .map(|(count, trace)| {
@@ -90,8 +89,8 @@ pub(super) fn sum<'a>(
     }
     // Each splat's tiles in the order in which they are listed, whoever sums them.
     let places = lists.bins.places();
-    by_splat.resize(places.iter().map(Places::len).sum(), [0.0; MOMENTS]);
-    by_splat.par_chunks_mut(chunk_size(lists.grid)).zip(places).for_each(|(moments, places)| {
+    let moments = entries(by_splat, places.iter().map(Places::len).sum());
+    moments.par_chunks_mut(chunk_size(lists.grid)).zip(places).for_each(|(moments, places)| {
         let mut moments = moments.iter_mut();
         places.for_each(|places| {
             let mut sum = [0.0; MOMENTS];
@@ -105,7 +104,19 @@ pub(super) fn sum<'a>(
             }
         });
     });
-    Summed { moments: by_splat, unit }
+    Summed { moments, unit }
+}
+
+/// As many entries of a buffer, which may hold anything. A buffer that is far too large is given back, so that one large view does not hold
+/// its memory for ever.
+fn entries(buffer: &mut Vec<Moments>, count: usize) -> &mut [Moments] {
+    const FAR_TOO_LARGE: usize = 4;
+    if buffer.len() < count || buffer.len() / FAR_TOO_LARGE > count {
+        // First the one, then the other: not both at a time.
+        *buffer = Vec::new();
+        *buffer = vec![[0.0; MOMENTS]; count];
+    }
+    &mut buffer[..count]
 }
 
 /// A number as f32: at most the largest there is, and 0 for what is none.

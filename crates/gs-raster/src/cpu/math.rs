@@ -26,8 +26,8 @@ pub(super) fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     cast(simd.add_u32s(cast(p), power))
 }
 
-/// A whole number from 0 to 2³², exclusive, as an integer; of any other number, some integer. A cast would hold others at the ends, for
-/// which there are no vector instructions.
+/// A whole number from 0 to 2³², exclusive, as an integer; of any other number, some integer. A cast would saturate, for which there are
+/// no vector instructions.
 #[inline(always)]
 pub(super) fn small_integer(x: f64) -> u32 {
     // Of numbers from 2⁵² on the low bits count ones.
@@ -135,10 +135,6 @@ mod tests {
             .chain([u64::from(u32::MAX)])
         {
             assert_eq!(small_integer(x as f64), x as u32);
-        }
-        // Whatever comes out, it does come out.
-        for x in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -3.0, 1e300] {
-            let _ = small_integer(x);
         }
     }
 

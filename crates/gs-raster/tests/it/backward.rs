@@ -52,6 +52,39 @@ fn bits(gradients: &Gradients) -> Vec<u64> {
 }
 
 #[test]
+fn what_a_rasterizer_drew_before_changes_nothing() {
+    let (many, large) = discs(400);
+    let (few, _) = discs(3);
+    let lens = |width, height| gs_scene::Intrinsics { fx: 60.0, fy: 60.0, cx: 0.5, cy: 0.5, width, height };
+    let [small, pixel] = [lens(20, 33), lens(1, 1)]
+        .map(|lens| Camera::new(lens, glam::DMat3::IDENTITY, glam::DVec3::ZERO).expect("valid"));
+    let none = Gaussians::empty(1).expect("valid");
+    let mut used = Rasterizer::cpu();
+    let mut memory = Gradients::default();
+    let views =
+        [(&many, &large), (&few, &small), (&many, &pixel), (&none, &small), (&many, &large), (&few, &large)];
+    for (number, (scene, camera)) in views.into_iter().cycle().take(12).enumerate() {
+        let settings =
+            RenderSettings { depth: number % 3 != 1, background: BACKGROUND, ..RenderSettings::default() };
+        let pixels = some_pixels(camera);
+        let depth = pixels.depth.clone().filter(|_| settings.depth);
+        let pixels = [PixelGradients { depth, ..pixels }];
+        let values = [vec![0.5; camera.width() * camera.height()]];
+        let mut draw = |rasterizer: &mut Rasterizer, memory: &mut Gradients| {
+            let seen = rasterizer.render(scene, camera, &settings).expect("valid");
+            let (recorded, tape) = rasterizer.record(scene, &[*camera], &settings).expect("valid");
+            rasterizer.backward_into(scene, &tape, &pixels, memory).expect("valid");
+            let (_, shares) = rasterizer.backward_with_shares(scene, &tape, &pixels, &values).expect("valid");
+            let pictures = [&seen, &recorded[0]]
+                .map(|drawn| (drawn.image.clone(), drawn.alpha.clone(), drawn.depth.clone()));
+            (pictures, bits(memory), shares)
+        };
+        let fresh = draw(&mut Rasterizer::cpu(), &mut Gradients::default());
+        assert!(draw(&mut used, &mut memory) == fresh, "view {number}");
+    }
+}
+
+#[test]
 fn shares_are_the_weights_of_the_colours() {
     let (scene, camera) = discs(400);
     let settings = RenderSettings { background: BACKGROUND, ..RenderSettings::default() };

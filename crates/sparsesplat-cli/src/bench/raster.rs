@@ -142,11 +142,21 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 fn runners(pools: &[ThreadPool], device: Device, rasterizer: Rasterizer) -> Vec<Runner<'_>> {
     let mut runners = Vec::new();
     if device != Device::Gpu {
-        let cpu = |pool| Runner { device: "cpu".to_owned(), rasterizer: Rasterizer::cpu(), pool };
+        let cpu = |pool| Runner {
+            device: "cpu".to_owned(),
+            rasterizer: Rasterizer::cpu(),
+            pool,
+            gradients: Gradients::default(),
+        };
         runners.extend(pools.iter().map(cpu));
     }
     if let Some(name) = rasterizer.adapter().map(|about| about.name.clone()) {
-        runners.extend(pools.last().map(|pool| Runner { device: name, rasterizer, pool }));
+        runners.extend(pools.last().map(|pool| Runner {
+            device: name,
+            rasterizer,
+            pool,
+            gradients: Gradients::default(),
+        }));
     }
     runners
 }

@@ -2,7 +2,7 @@
 
 use crate::bench::measure::timed;
 use crate::failure::{OrFail, Outcome};
-use gs_raster::{PixelGradients, Rasterizer, RenderSettings, RenderStats};
+use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, RenderStats};
 use gs_scene::{Camera, Gaussians};
 use rayon::ThreadPool;
 
@@ -12,6 +12,8 @@ pub(super) struct Runner<'a> {
     pub(super) device: String,
     pub(super) rasterizer: Rasterizer,
     pub(super) pool: &'a ThreadPool,
+    /// Memory of the run before, as a training step would use it.
+    pub(super) gradients: Gradients,
 }
 
 /// What is asked for.
@@ -46,13 +48,13 @@ impl Job<'_> {
     pub(super) fn run(&self, runner: &mut Runner<'_>, camera: &Camera) -> Outcome<(RenderStats, f64)> {
         let settings = self.case.settings();
         let pixels = self.case.gradients.then(|| pixel_gradients(camera));
-        let Runner { rasterizer, pool, .. } = runner;
+        let Runner { rasterizer, pool, gradients, .. } = runner;
         timed(pool, || match pixels {
             None => Ok(rasterizer.render(self.scene, camera, &settings).or_work()?.stats),
             Some(pixels) => {
                 let cameras = std::slice::from_ref(camera);
                 let (views, tape) = rasterizer.record(self.scene, cameras, &settings).or_work()?;
-                rasterizer.backward(self.scene, &tape, &[pixels]).or_work()?;
+                rasterizer.backward_into(self.scene, &tape, &[pixels], gradients).or_work()?;
                 Ok(views[0].stats)
             }
         })
