@@ -14,7 +14,7 @@ use crate::summary::{print, print_line};
 use crate::{output, threads};
 use clap::Args;
 use evaluate::Recipe;
-use gs_raster::{Rasterizer, Style};
+use gs_raster::{Gradients, Rasterizer, Style};
 use gs_scene::{Camera, Gaussians};
 use job::{Case, Job, Runner};
 use rayon::ThreadPool;
