@@ -70,7 +70,7 @@ fn what_a_rasterizer_drew_before_changes_nothing() {
         let depth = pixels.depth.clone().filter(|_| settings.depth);
         let pixels = [PixelGradients { depth, ..pixels }];
         let values = [vec![0.5; camera.width() * camera.height()]];
-        let mut draw = |rasterizer: &mut Rasterizer, memory: &mut Gradients| {
+        let draw = |rasterizer: &mut Rasterizer, memory: &mut Gradients| {
             let seen = rasterizer.render(scene, camera, &settings).expect("valid");
             let (recorded, tape) = rasterizer.record(scene, &[*camera], &settings).expect("valid");
             rasterizer.backward_into(scene, &tape, &pixels, memory).expect("valid");
