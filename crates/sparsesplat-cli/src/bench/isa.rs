@@ -301,16 +301,13 @@ fn pictures(seconds: &mut Seconds) -> Outcome {
     let (width, height) = (192, 128);
     let lens = Intrinsics { fx: 150.0, fy: 150.0, cx: 96.0, cy: 64.0, width, height };
     let camera = Camera::looking_at(lens, DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, DVec3::NEG_Y).or_work()?;
-    let (mut scene, mut faint) = (Gaussians::empty(2).or_work()?, Gaussians::empty(2).or_work()?);
+    let mut scene = Gaussians::empty(2).or_work()?;
     for point in &points {
         let sh: Vec<f32> = (0..27).map(|_| 0.3 * random.unit()).collect();
         scene.push(*point, [1.0, 0.1, 0.2, 0.3], [-3.2, -3.0, -3.4], 0.5, &sh);
-        faint.push(*point, [1.0, 0.1, 0.2, 0.3], [-3.2, -3.0, -3.4], -8.0, &sh);
     }
     let (mut rasterizer, settings) = (Rasterizer::cpu(), RenderSettings::default());
     let cameras = [camera];
-    // Too transparent to be drawn, which their projection finds: nothing is blended.
-    time(seconds, "projection", || rasterizer.render(&faint, &camera, &settings).map(drop).or_work())?;
     time(seconds, "rendering", || rasterizer.render(&scene, &camera, &settings).map(drop).or_work())?;
     let (renderings, tape) = rasterizer.record(&scene, &cameras, &settings).or_work()?;
     let image = renderings[0].image.data().to_vec();
