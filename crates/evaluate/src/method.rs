@@ -3,7 +3,7 @@
 use crate::figures::CurvePoint;
 use crate::{Error, Result, Step};
 use gs_raster::Rasterizer;
-use gs_scene::{Gaussians, View};
+use gs_scene::{Camera, Gaussians, Intrinsics, View};
 use scene_windows::{GeometryCache, Plan, Window};
 use serde::Serialize;
 use sparsesplat::{Config, Exposure, Prediction};
@@ -106,7 +106,7 @@ impl Method {
         }
         prediction.counts = prediction.counts.without(&refined.report.pruned);
         prediction.gaussians = refined.gaussians;
-        Ok(Some(Refinement { report: refined.report, curve }))
+        Ok(Some(Refinement { report: refined.report, curve, cameras: refined.cameras }))
     }
 }
 
@@ -116,8 +116,24 @@ pub struct Refinement {
     /// What happened.
     #[serde(flatten)]
     pub report: refine::Report,
-    /// Quality along the way; empty if it was not asked for.
+    /// Quality along the way, with the cameras as they were given; empty if it was not asked for.
     pub curve: Vec<CurvePoint>,
+    /// The camera of each context view afterwards.
+    #[serde(skip)]
+    pub cameras: Vec<Camera>,
+}
+
+impl Refinement {
+    /// The camera of a view that took no part, with the focal length that was found for context views with the same intrinsics.
+    #[must_use]
+    pub fn camera(&self, view: &View, context: &[View]) -> Camera {
+        let given = view.camera();
+        let same = context.iter().position(|other| other.camera().intrinsics() == given.intrinsics());
+        let Some(found) = same.and_then(|at| self.cameras.get(at)) else { return *given };
+        let &Intrinsics { fx, fy, .. } = found.intrinsics();
+        let lens = Intrinsics { fx, fy, ..*given.intrinsics() };
+        Camera::new(lens, given.rotation(), given.translation()).unwrap_or(*given)
+    }
 }
 
 /// Whether a step has a point on the curve: 1, 1.5, 2, 3, 4, 5, 6 and 7.5 times every power of ten.
@@ -133,6 +149,27 @@ fn is_mark(step: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn held_out_views_get_the_focal_length_of_their_lens() {
+        let camera = |fx: f64, x: f64| {
+            let lens = Intrinsics { fx, fy: 2.0 * fx, cx: 4.0, cy: 3.0, width: 8, height: 6 };
+            Camera::new(lens, glam::DMat3::IDENTITY, glam::DVec3::new(x, 0.0, 0.0)).unwrap()
+        };
+        let view = |camera: Camera| {
+            let image = gs_scene::Image::filled(8, 6, [0.5; 3]).unwrap();
+            View::new("view", image, camera, None).unwrap()
+        };
+        let context = [view(camera(10.0, 0.0)), view(camera(20.0, 0.0))];
+        let refinement = Refinement {
+            report: refine::Report::default(),
+            curve: Vec::new(),
+            cameras: vec![camera(11.0, 0.1), camera(19.0, 0.1)],
+        };
+        for (given, found) in [(10.0, 11.0), (20.0, 19.0), (30.0, 30.0)] {
+            assert_eq!(refinement.camera(&view(camera(given, 5.0)), &context), camera(found, 5.0));
+        }
+    }
 
     #[test]
     fn marks_are_dense_at_the_start() {

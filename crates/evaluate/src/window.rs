@@ -5,7 +5,7 @@ use crate::method::Refinement;
 use crate::render::{Rendered, render_view};
 use crate::{Error, Method, Result};
 use gs_raster::Rasterizer;
-use gs_scene::{Gaussians, Image, View};
+use gs_scene::{Camera, Gaussians, Image, View};
 use image_metrics::{Lpips, error_share, psnr, psnr_colour_corrected, ssim};
 use scene_windows::Window;
 use sparsesplat::{NetworkDevice, Prediction, Predictor, Stage};
@@ -200,17 +200,25 @@ impl Runner {
             Ok(mean(each.collect::<Result<Vec<_>>>()?.into_iter()))
         };
         let refinement = method.refine(window, &mut prediction, rasterizer, &held_out, on_step)?;
+        let camera = |view: &View| {
+            refinement.as_ref().map_or(*view.camera(), |found| found.camera(view, &window.context))
+        };
+        let target_cameras: Vec<Camera> = window.targets.iter().map(camera).collect();
+        let context_cameras = refinement.as_ref().map_or_else(
+            || window.context.iter().map(|view| *view.camera()).collect(),
+            |found| found.cameras.clone(),
+        );
         let Outcome { mut figures, prediction, .. } =
             outcome(window, method, prediction, refinement, taken.seconds);
 
         let mut rendering = Stopwatch::new();
-        let mut render_timed = |view: &View| {
+        let mut render_timed = |camera: &Camera| {
             on_step(Step::Render);
-            rendering.time(|| render_view(rasterizer, &prediction.gaussians, view.camera()))
+            rendering.time(|| render_view(rasterizer, &prediction.gaussians, camera))
         };
         let mut renderings = Vec::with_capacity(window.targets.len());
-        for (i, target) in window.targets.iter().enumerate() {
-            let rendered = render_timed(target)?;
+        for (i, (target, camera)) in window.targets.iter().zip(&target_cameras).enumerate() {
+            let rendered = render_timed(camera)?;
             let nearest = nearest_view(target, &window.context)?;
             figures.per_target.push(Target {
                 name: target.name().to_owned(),
@@ -226,8 +234,8 @@ impl Runner {
             renderings.push(rendered);
         }
         let mut context_psnr = Vec::with_capacity(window.context.len());
-        for view in &window.context {
-            context_psnr.push(compare(psnr, view, &render_timed(view)?.image)?);
+        for (view, camera) in window.context.iter().zip(&context_cameras) {
+            context_psnr.push(compare(psnr, view, &render_timed(camera)?.image)?);
         }
         let targets = &figures.per_target;
         let means = &mut figures.figures;

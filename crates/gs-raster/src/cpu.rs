@@ -17,7 +17,7 @@ mod sums;
 
 use crate::settings::{INTERSECTIONS_MAX, INTERSECTIONS_MAX_RECORDED};
 use crate::{
-    Activated, Error, PixelGradients, PoseGradient, RenderSettings, RenderStats, Rendering, Result,
+    Activated, CameraGradient, Error, PixelGradients, RenderSettings, RenderStats, Rendering, Result,
     StageSeconds, Style, TILE,
 };
 use cpu_kernels::Isa;
@@ -224,7 +224,7 @@ pub(crate) fn backward(
     pixels: &PixelGradients,
     (sums, background, shares): (&mut Sums<'_>, &mut [f64; 3], Option<Shares>),
     (isa, scratch): (Isa, &mut Scratch),
-) -> PoseGradient {
+) -> CameraGradient {
     let (values, shares) = shares.map(|Shares { values, sums }| (values, sums)).unzip();
     let grid = Grid::new(camera.width(), camera.height());
     let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid, isa };

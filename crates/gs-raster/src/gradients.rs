@@ -71,8 +71,8 @@ pub struct Gradients {
     pub sh: Vec<f32>,
     /// By the background colour.
     pub background: [f64; 3],
-    /// By the pose of each view.
-    pub poses: Vec<PoseGradient>,
+    /// By the camera of each view.
+    pub cameras: Vec<CameraGradient>,
 }
 
 /// [`Gradients`] in the shapes of the arrays of [`Activated`].
@@ -90,18 +90,18 @@ pub struct ActivatedGradients {
     pub colors: Vec<f32>,
     /// By the background colour.
     pub background: [f64; 3],
-    /// By the pose of each view.
-    pub poses: Vec<PoseGradient>,
+    /// By the camera of each view.
+    pub cameras: Vec<CameraGradient>,
 }
 
 impl Gradients {
     /// No gradient yet, in the memory of what was here.
     pub(crate) fn clear(&mut self, n: usize, sh_degree: usize) {
-        let Self { geometry, sh, background, poses } = self;
+        let Self { geometry, sh, background, cameras } = self;
         clear(geometry, n * Gaussians::GEOMETRY);
         clear(sh, n * sh_coefficients(sh_degree) * 3);
         *background = [0.0; 3];
-        poses.clear();
+        cameras.clear();
     }
 
     /// Where the CPU adds the gradients by Gaussians.
@@ -131,7 +131,7 @@ impl Gradients {
             colors[..used].copy_from_slice(sh);
         }
         found.chain(gaussians);
-        ActivatedGradients { background: self.background, poses: self.poses, ..found }
+        ActivatedGradients { background: self.background, cameras: self.cameras, ..found }
     }
 }
 
@@ -139,14 +139,14 @@ impl ActivatedGradients {
     /// No gradient yet, in the memory of what was here.
     pub(crate) fn clear(&mut self, gaussians: &Activated<'_>) {
         let n = gaussians.len();
-        let Self { means, quats, scales, opacities, colors, background, poses } = self;
+        let Self { means, quats, scales, opacities, colors, background, cameras } = self;
         clear(means, 3 * n);
         clear(quats, 4 * n);
         clear(scales, 3 * n);
         clear(opacities, n);
         clear(colors, gaussians.kind.row() * n);
         *background = [0.0; 3];
-        poses.clear();
+        cameras.clear();
     }
 
     /// Where the CPU adds the gradients by what is stored of Gaussians, before [`ActivatedGradients::chain`].
@@ -191,17 +191,19 @@ fn clear(numbers: &mut Vec<f32>, length: usize) {
     numbers.par_chunks_mut(1 << 14).for_each(|chunk| chunk.fill(0.0));
 }
 
-/// Derivatives of a loss with respect to a world-to-camera pose `p_camera = R p_world + t`, its twelve numbers taken as
-/// independent. The camera centre, from which SH colours are seen, is -Rᵀ t.
+/// Derivatives of a loss with respect to a camera: by the world-to-camera pose `p_camera = R p_world + t`, its twelve numbers taken as
+/// independent, and by the focal length. The camera centre, from which SH colours are seen, is -Rᵀ t.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PoseGradient {
+pub struct CameraGradient {
     /// By the entries of R.
     pub rotation: DMat3,
     /// By t, 1 / scene units.
     pub translation: DVec3,
+    /// By the logarithm of a factor of both focal lengths.
+    pub focal: f64,
 }
 
-impl PoseGradient {
+impl CameraGradient {
     /// The derivative on the manifold of poses: by (ρ, θ) of `T ← exp(ξ^) T`, ρ in camera axes and scene units, θ in
     /// radians, at the pose of `camera`.
     #[must_use]

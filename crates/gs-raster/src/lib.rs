@@ -15,7 +15,7 @@ pub mod gpu;
 
 pub use activated::{Activated, Colors};
 pub use error::{Error, Result};
-pub use gradients::{ActivatedGradients, Gradients, PixelGradients, PoseGradient};
+pub use gradients::{ActivatedGradients, CameraGradient, Gradients, PixelGradients};
 pub use near::{NEAR_SAMPLE, NEAR_SHARE, near_plane};
 pub use rasterizer::{Device, Rasterizer, Tape};
 pub use render::{RenderStats, Rendering, StageSeconds, TILE};

@@ -3,8 +3,8 @@
 #[cfg(feature = "gpu")]
 use crate::gpu::{self, AdapterChoice, Gpu, GpuOptions};
 use crate::{
-    Activated, ActivatedGradients, Error, Gradients, PixelGradients, PoseGradient, RenderSettings, Rendering,
-    Result, Style, cpu,
+    Activated, ActivatedGradients, CameraGradient, Error, Gradients, PixelGradients, RenderSettings,
+    Rendering, Result, Style, cpu,
 };
 use cpu::{Source, Sums};
 use cpu_kernels::Isa;
@@ -238,7 +238,7 @@ impl Rasterizer {
         Ok((renderings, tape))
     }
 
-    /// Derivatives of a loss by everything that is stored of the Gaussians, by the background and by the poses, given
+    /// Derivatives of a loss by everything that is stored of the Gaussians, by the background and by the cameras, given
     /// those by the pixels of the recorded views. `gaussians` is the scene that was recorded, by this rasterizer.
     ///
     /// # Errors
@@ -308,7 +308,7 @@ impl Rasterizer {
                 found.clear(gaussians);
                 let by_views =
                     tape.differentiate(source, views, pixels, (found.sums(gaussians.kind), None), scratch);
-                (found.background, found.poses) = by_views;
+                (found.background, found.cameras) = by_views;
                 found.chain(gaussians);
             }
             #[cfg(feature = "gpu")]
@@ -368,7 +368,7 @@ impl Rasterizer {
                 let of_shares = values.map(|values| (values, &mut shares[..]));
                 let by_views =
                     tape.differentiate(source, views, pixels, (gradients.sums(), of_shares), scratch);
-                (gradients.background, gradients.poses) = by_views;
+                (gradients.background, gradients.cameras) = by_views;
             }
             #[cfg(feature = "gpu")]
             (Backend::Gpu(_), Views::Gpu(_)) if values.is_some() => return Err(Error::SharesOnGpu),
@@ -408,7 +408,7 @@ impl Tape {
     }
 
     /// The backward pass of all views on the CPU: adds the gradients by Gaussians to `sums`, and the shares if they are asked for to the
-    /// second part of `shares`. Returns the gradients by the background and by the poses.
+    /// second part of `shares`. Returns the gradients by the background and by the cameras.
     fn differentiate(
         &self,
         source: Source<'_>,
@@ -416,16 +416,16 @@ impl Tape {
         pixels: &[PixelGradients],
         (mut sums, mut shares): (Sums<'_>, Option<Weighted<'_>>),
         scratch: &mut cpu::Scratch,
-    ) -> ([f64; 3], Vec<PoseGradient>) {
+    ) -> ([f64; 3], Vec<CameraGradient>) {
         let isa = Isa::in_use();
         let mut background = [0.0; 3];
-        let mut poses = Vec::with_capacity(views.len());
+        let mut cameras = Vec::with_capacity(views.len());
         for (index, ((view, camera), pixels)) in views.iter().zip(&self.cameras).zip(pixels).enumerate() {
             let shares = shares.as_mut().map(|(values, sums)| cpu::Shares { values: &values[index], sums });
             let found = (&mut sums, &mut background, shares);
             let with = (isa, &mut *scratch);
-            poses.push(cpu::backward(source, camera, &self.settings, view, pixels, found, with));
+            cameras.push(cpu::backward(source, camera, &self.settings, view, pixels, found, with));
         }
-        (background, poses)
+        (background, cameras)
     }
 }

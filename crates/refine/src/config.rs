@@ -87,7 +87,7 @@ pub struct Rates {
     pub colour: f32,
     /// Of the SH coefficients of higher degrees.
     pub sh: f32,
-    /// Of the cameras, pixels; 0 leaves them where they are. For poses that are estimates.
+    /// Of the cameras and their focal lengths, pixels; 0 leaves them as they are. For poses that are estimates.
     pub pose: f32,
 }
 

@@ -1,12 +1,13 @@
-//! Small changes of the cameras, where poses are estimates.
+//! Small changes of the cameras, where poses and focal lengths are estimates.
 //!
 //! The change of a camera is a turn about its centre and a shift of that centre. Adam's steps are taken in the camera's own axes, in units of a
 //! pixel: a turn by one moves the picture by a pixel, a shift by one moves what lies at the view's median depth by a pixel. All cameras and the
-//! scene may drift together and no picture shows it, so the mean turn and the mean shift of all cameras are held at 0.
+//! scene may drift together and no picture shows it, so the mean turn and the mean shift of all cameras are held at 0. Views with
+//! the same intrinsics share a lens, and so a focal length: its step of one moves the ends of the picture's long side by a pixel.
 
 use glam::{DMat3, DQuat, DVec3};
-use gs_raster::PoseGradient;
-use gs_scene::{Camera, Gaussians, MEAN, View};
+use gs_raster::CameraGradient;
+use gs_scene::{Camera, Gaussians, Intrinsics, MEAN, View};
 use serde::Serialize;
 
 /// Decay of the moments of Adam. Half as long as those of Gaussians: a camera is seen in one step of three only.
@@ -14,19 +15,25 @@ const DECAY: [f64; 2] = [0.8, 0.99];
 /// Added to the root of the second moment; derivatives by pixels are far above it.
 const EPSILON: f64 = 1e-12;
 
-/// How far a camera was moved.
+/// Largest factor of a focal length, and its inverse the least.
+const LARGEST_FACTOR: f64 = 2.0;
+
+/// How a camera was changed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PoseChange {
     /// Angle between the axes before and after, degrees.
     pub degrees: f64,
     /// Distance of the centres, scene units.
     pub shift: f64,
+    /// Focal length after over before.
+    pub focal: f64,
 }
 
 /// The cameras of all views, as changes of what was given.
 #[derive(Debug)]
 pub(crate) struct Poses {
     changes: Vec<Change>,
+    lenses: Vec<Lens>,
     rate: f64,
 }
 
@@ -38,20 +45,43 @@ struct Change {
     shift: DVec3,
     /// By how much one pixel turns and shifts: radians, scene units.
     pixel: [f64; 2],
-    moments: [[f64; 6]; 2],
+    moments: Adam<6>,
+    /// Position in [`Poses::lenses`].
+    lens: usize,
+}
+
+/// What views with the same intrinsics share.
+#[derive(Debug)]
+struct Lens {
+    given: Intrinsics,
+    /// Logarithm of the focal length over that which was given.
+    log: f64,
+    moments: Adam<1>,
+}
+
+/// The state of Adam for some numbers.
+#[derive(Debug)]
+struct Adam<const N: usize> {
+    moments: [[f64; N]; 2],
     updates: i32,
 }
 
 impl Poses {
     /// `rate` is the step size, pixels; with 0 cameras stay where they are.
     pub(crate) fn new(scene: &Gaussians, views: &[View], rate: f32) -> Self {
+        let mut lenses: Vec<Lens> = Vec::new();
         let change = |view: &View| {
-            let angle = 1.0 / view.camera().intrinsics().fx;
+            let given = *view.camera().intrinsics();
+            let lens = lenses.iter().position(|lens| lens.given == given).unwrap_or_else(|| {
+                lenses.push(Lens { given, log: 0.0, moments: Adam::new() });
+                lenses.len() - 1
+            });
+            let angle = 1.0 / given.fx;
             let pixel = [angle, angle * median_depth(scene, view.camera())];
-            Change { turn: DVec3::ZERO, shift: DVec3::ZERO, pixel, moments: [[0.0; 6]; 2], updates: 0 }
+            Change { turn: DVec3::ZERO, shift: DVec3::ZERO, pixel, moments: Adam::new(), lens }
         };
         let changes = if rate > 0.0 { views.iter().map(change).collect() } else { Vec::new() };
-        Self { changes, rate: f64::from(rate) }
+        Self { changes, lenses, rate: f64::from(rate) }
     }
 
     /// The camera of a view, given in any size, where it is now.
@@ -59,20 +89,30 @@ impl Poses {
         let Some(change) = self.changes.get(view) else { return *given };
         let turn = DMat3::from_quat(DQuat::from_scaled_axis(change.turn));
         let axes = turn * given.rotation().transpose();
+        let (lens, factor) = (*given.intrinsics(), self.lenses[change.lens].log.exp());
+        let lens = Intrinsics { fx: lens.fx * factor, fy: lens.fy * factor, ..lens };
         // Rounding alone stands between a product of rotations and a rotation; NaN never gets in.
-        Camera::from_camera_to_world(*given.intrinsics(), axes, given.position() + change.shift)
-            .unwrap_or(*given)
+        Camera::from_camera_to_world(lens, axes, given.position() + change.shift).unwrap_or(*given)
     }
 
     /// One step of Adam on some views; `factor` scales the step size. Derivatives that are not finite change nothing.
-    pub(crate) fn update(&mut self, gradients: &[(usize, Camera, PoseGradient)], factor: f32) {
+    pub(crate) fn update(&mut self, gradients: &[(usize, Camera, CameraGradient)], factor: f32) {
         if self.changes.is_empty() {
             return;
         }
+        let rate = self.rate * f64::from(factor);
+        let mut by_focal = vec![None; self.lenses.len()];
         for (view, camera, gradient) in gradients {
             let twist = gradient.twist(camera);
-            if twist.iter().all(|number| number.is_finite()) {
-                self.changes[*view].step(camera, twist, self.rate * f64::from(factor));
+            if twist.iter().chain([&gradient.focal]).all(|number| number.is_finite()) {
+                let change = &mut self.changes[*view];
+                change.step(camera, twist, rate);
+                *by_focal[change.lens].get_or_insert(0.0) += gradient.focal;
+            }
+        }
+        for (lens, by_focal) in self.lenses.iter_mut().zip(by_focal) {
+            if let Some(by_focal) = by_focal {
+                lens.step(by_focal, rate);
             }
         }
         let count = self.changes.len() as f64;
@@ -89,6 +129,7 @@ impl Poses {
         let of = |change: &Change| PoseChange {
             degrees: change.turn.length().to_degrees(),
             shift: change.shift.length(),
+            focal: self.lenses[change.lens].log.exp(),
         };
         self.changes.iter().map(of).collect()
     }
@@ -97,12 +138,36 @@ impl Poses {
 impl Change {
     /// `twist` is by (shift, turn) of the camera's frame: T ← exp(ξ^) T.
     fn step(&mut self, camera: &Camera, twist: [f64; 6], rate: f64) {
-        self.updates += 1;
         let [angle, length] = self.pixel;
-        let mut step = [0.0; 6];
-        for (i, gradient) in twist.into_iter().enumerate() {
-            let unit = if i < 3 { length } else { angle };
-            let gradient = gradient * unit;
+        let units = [length, length, length, angle, angle, angle];
+        let step = self.moments.step(twist, units, rate);
+        let to_world = camera.rotation().transpose();
+        let [shift, turn] = [DVec3::from_slice(&step[..3]), DVec3::from_slice(&step[3..])];
+        // What a camera turns by one way, the world in front of it turns by the other.
+        self.turn -= to_world * turn;
+        self.shift -= to_world * shift;
+    }
+}
+
+impl Lens {
+    /// `by_focal` is by the logarithm of the focal length.
+    fn step(&mut self, by_focal: f64, rate: f64) {
+        let pixel = 2.0 / self.given.width.max(self.given.height) as f64;
+        let [step] = self.moments.step([by_focal], [pixel], rate);
+        self.log = (self.log + step).clamp(-LARGEST_FACTOR.ln(), LARGEST_FACTOR.ln());
+    }
+}
+
+impl<const N: usize> Adam<N> {
+    fn new() -> Self {
+        Self { moments: [[0.0; N]; 2], updates: 0 }
+    }
+
+    /// One step of Adam: `units` are the sizes of a pixel, and `rate` the step in pixels.
+    fn step(&mut self, gradients: [f64; N], units: [f64; N], rate: f64) -> [f64; N] {
+        self.updates += 1;
+        std::array::from_fn(|i| {
+            let gradient = gradients[i] * units[i];
             let [first, second] = [0, 1].map(|moment| {
                 let (decay, value) =
                     (DECAY[moment], if moment == 0 { gradient } else { gradient * gradient });
@@ -110,13 +175,8 @@ impl Change {
                 *mean = decay * *mean + (1.0 - decay) * value;
                 *mean / (1.0 - decay.powi(self.updates))
             });
-            step[i] = -rate * unit * first / (second.sqrt() + EPSILON);
-        }
-        let to_world = camera.rotation().transpose();
-        let [shift, turn] = [DVec3::from_slice(&step[..3]), DVec3::from_slice(&step[3..])];
-        // What a camera turns by one way, the world in front of it turns by the other.
-        self.turn -= to_world * turn;
-        self.shift -= to_world * shift;
+            -rate * units[i] * first / (second.sqrt() + EPSILON)
+        })
     }
 }
 
@@ -162,7 +222,7 @@ mod tests {
                 -2.0 * (difference.x * fx * seen.x + difference.y * fy * seen.y) / (seen.z * seen.z),
             );
             let rotation = DMat3::from_cols(by_seen * point.x, by_seen * point.y, by_seen * point.z);
-            poses.update(&[(0, now, PoseGradient { rotation, translation: by_seen })], 1.0);
+            poses.update(&[(0, now, CameraGradient { rotation, translation: by_seen, focal: 0.0 })], 1.0);
         }
         let after = loss(&poses.moved(0, &camera));
         assert!(after < 0.2 * before, "{before} {after}");
@@ -176,9 +236,10 @@ mod tests {
     fn without_a_rate_and_with_derivatives_that_are_not_finite_cameras_stay() {
         let given = cameras(2, (40, 32), 1.0);
         let views = photographs(&wall(4, 1.0), &given);
-        let gradient = |value: f64| PoseGradient {
+        let gradient = |value: f64| CameraGradient {
             rotation: DMat3::from_diagonal(DVec3::splat(value)),
             translation: DVec3::ONE,
+            focal: 1.0,
         };
         for (rate, value) in [(0.0, 1.0), (0.1, f64::NAN), (0.1, f64::INFINITY)] {
             let mut poses = Poses::new(&wall(4, 1.0), &views, rate);

@@ -229,7 +229,7 @@ impl<'a> Work<'a> {
             let compared =
                 objective.differentiate(&self.gaussians, (view, &camera), exposure, weight, into)?;
             let Some(compared) = compared else { return Ok(None) };
-            poses.extend(gradients.poses.first().map(|gradient| (view, camera, *gradient)));
+            poses.extend(gradients.cameras.first().map(|gradient| (view, camera, *gradient)));
             loss += compared.loss * f64::from(weight);
             compared_views.push((view, compared));
             if number > 0 {

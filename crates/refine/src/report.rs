@@ -17,7 +17,7 @@ pub struct Report {
     pub stopped: Option<Stopped>,
     /// Gain and bias of each view; empty if they were not fitted.
     pub exposure: Vec<Exposure>,
-    /// How far the camera of each view was moved; empty if cameras stayed.
+    /// How the camera of each view was changed; empty if cameras stayed.
     pub poses: Vec<PoseChange>,
     /// Positions in the input of the Gaussians that were dropped, ascending.
     #[serde(serialize_with = "as_count")]

@@ -103,7 +103,7 @@ pub(crate) struct Pipeline {
         hide_short_help = true
     )]
     pub(crate) refine_seconds: Option<f64>,
-    /// With refinement: move the cameras of the photographs too, for poses that are estimates
+    /// With refinement: change poses and focal lengths of the photographs too, for those that are estimates
     #[arg(long, help_heading = "Refinement", hide_short_help = true)]
     pub(crate) refine_poses: bool,
 }

@@ -7,9 +7,10 @@ use crate::summary::print_line;
 use clap::{Args, ValueEnum};
 use evaluate::Recipe;
 use serde::Serialize;
-use splat_formats::{Encoder, HalfTurn, half_turn};
+use splat_formats::{Encoder, HalfTurn, Similarity, half_turn};
 use std::fs;
 use std::path::PathBuf;
+use view_poses::Levelling;
 
 /// Change the file format of a scene
 ///
@@ -34,7 +35,8 @@ use std::path::PathBuf;
     sparsesplat convert scene.ply scene.spz                          an eighth of the size\n  \
     sparsesplat convert scene.ply scene.glb                          for glTF viewers\n  \
     sparsesplat convert download.splat scene.ply                     to edit or render\n  \
-    sparsesplat convert scene.ply scene.spz --half-turn x            SPZ for SuperSplat, which expects PLY's axes in it")]
+    sparsesplat convert scene.ply scene.spz --half-turn x            SPZ for SuperSplat, which expects PLY's axes in it\n  \
+    sparsesplat convert scene.ply colmap.ply --undo-levelling scene-poses   in COLMAP's or openMVG's own world")]
 pub(crate) struct Arguments {
     /// Scene to read
     #[arg(value_name = "IN")]
@@ -45,6 +47,9 @@ pub(crate) struct Arguments {
     /// Turn the scene by 180 degrees about an axis through the origin, without rounding
     #[arg(long, value_name = "AXIS")]
     half_turn: Option<Axis>,
+    /// Back to the world that the poses were estimated in: FILE is the poses.json of the data set that `poses` wrote, or its folder
+    #[arg(long, value_name = "FILE", conflicts_with = "half_turn")]
+    undo_levelling: Option<PathBuf>,
 }
 
 /// An axis of the data.
@@ -84,6 +89,10 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             Axis::Z => HalfTurn::Z,
         };
         half_turn(&mut scene.gaussians, axis);
+    }
+    if let Some(record) = &arguments.undo_levelling {
+        let (rotation, scale, translation) = Levelling::read(record).or_input()?.undone();
+        Similarity { rotation, scale, translation }.apply(&mut scene.gaussians);
     }
     let gaussians = &scene.gaussians;
     print_line(&format!(

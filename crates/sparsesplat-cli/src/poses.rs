@@ -52,6 +52,9 @@ pub(crate) struct How {
     /// Keep blurred photographs and copies
     #[arg(long)]
     keep_all: bool,
+    /// Write pinhole photographs, without the distortion of the lens
+    #[arg(long)]
+    undistort: bool,
 }
 
 /// Engine that estimates poses.
@@ -63,6 +66,8 @@ enum EngineName {
     Openmvg,
     /// The program COLMAP
     Colmap,
+    /// The program COLMAP from version 4 on, with its global mapper
+    ColmapGlobal,
 }
 
 /// What `--json` writes.
@@ -77,7 +82,7 @@ struct Record<'a> {
 
 impl How {
     /// The options, by their long names.
-    pub(crate) const NAMES: [&'static str; 5] = ["engine", "frames", "from", "to", "keep-all"];
+    pub(crate) const NAMES: [&'static str; 6] = ["engine", "frames", "from", "to", "keep-all", "undistort"];
 
     fn settings(&self, input: &Path, common: &Common) -> Outcome<Settings> {
         if !is_video(input) {
@@ -95,9 +100,11 @@ impl How {
                 EngineName::Auto => EngineChoice::Auto,
                 EngineName::Openmvg => EngineChoice::OpenMvg,
                 EngineName::Colmap => EngineChoice::Colmap,
+                EngineName::ColmapGlobal => EngineChoice::ColmapGlobal,
             },
             cut: Cut { frames: self.frames, from: self.from, to: self.to },
             keep_all: self.keep_all,
+            undistort: self.undistort,
             seed: 0,
         })
     }
@@ -206,6 +213,7 @@ fn describe(step: Step) -> String {
         Step::Match => "matching photographs".to_owned(),
         Step::Poses => "finding poses".to_owned(),
         Step::Again(engine) => format!("the result is doubtful: {engine} tries again"),
+        Step::Undistort => "taking the distortion of the lens out".to_owned(),
         Step::Check => "checking the poses".to_owned(),
         _ => "working".to_owned(),
     }

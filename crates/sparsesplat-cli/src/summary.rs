@@ -139,7 +139,13 @@ pub(crate) fn refinement_line(figures: &WindowFigures) -> Option<String> {
     }
     if !report.poses.is_empty() {
         let largest = report.poses.iter().fold(0.0f64, |largest, change| largest.max(change.degrees));
-        line += &format!("; cameras turned by up to {largest:.2} degrees");
+        let focal = report
+            .poses
+            .iter()
+            .map(|change| change.focal)
+            .max_by(|a, b| a.ln().abs().total_cmp(&b.ln().abs()));
+        let focal = focal.map_or(0.0, |factor| 100.0 * (factor - 1.0));
+        line += &format!("; cameras turned by up to {largest:.2} degrees, focal length {focal:+.1} %");
     }
     if report.undone > 0 {
         line += &format!("; {} steps were not finite and undone", report.undone);

@@ -75,7 +75,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     write(folder, "image", &join(&|view| view.image.data().to_vec()))?;
     write(folder, "alpha", &join(&|view| view.alpha.clone()))?;
     write(folder, "depth", &join(&|view| view.depth.clone().unwrap_or_default()))?;
-    let poses = found.poses.clone();
+    let poses = found.cameras.clone();
     let by_background = found.background;
     let by = found.activated(&arrays);
     write(folder, "by_means", &by.means)?;

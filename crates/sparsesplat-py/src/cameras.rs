@@ -3,7 +3,7 @@
 use crate::arrays::{Side, read_f64};
 use crate::failure::OrRaise;
 use glam::{DMat3, DVec3};
-use gs_raster::PoseGradient;
+use gs_raster::CameraGradient;
 use gs_scene::{Camera, Intrinsics};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -75,7 +75,7 @@ pub(crate) fn lens(camera: &Camera) -> Vec<f64> {
 }
 
 /// Gradients by a world-to-camera matrix, row-major 4×4. The last row is no argument of anything.
-pub(crate) fn pose_gradient(gradient: &PoseGradient) -> Vec<f64> {
+pub(crate) fn pose_gradient(gradient: &CameraGradient) -> Vec<f64> {
     rows(gradient.rotation, gradient.translation, 0.0)
 }
 

@@ -7,7 +7,9 @@ use crate::failure::OrRaise;
 use crate::kept::{Kept, Numbers};
 use crate::lent::lend;
 use crate::rasterize::{Backgrounds, Depth, Drawn, Recording, Request};
-use gs_raster::{Activated, ActivatedGradients, Colors, Gradients, PixelGradients, PoseGradient, Rasterizer};
+use gs_raster::{
+    Activated, ActivatedGradients, CameraGradient, Colors, Gradients, PixelGradients, Rasterizer,
+};
 use gs_scene::{Gaussians, sh_coefficients};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -38,7 +40,7 @@ pub(crate) struct Recorded {
 struct Found {
     /// By the Gaussians.
     arrays: Vec<By>,
-    poses: Vec<PoseGradient>,
+    cameras: Vec<CameraGradient>,
     /// Per run.
     backgrounds: Vec<[f64; 3]>,
     seconds: f64,
@@ -143,7 +145,7 @@ impl Tape {
         alphas: Option<&[f32]>,
     ) -> gs_raster::Result<Found> {
         let mut found =
-            Found { arrays: Vec::new(), poses: Vec::new(), backgrounds: Vec::new(), seconds: 0.0 };
+            Found { arrays: Vec::new(), cameras: Vec::new(), backgrounds: Vec::new(), seconds: 0.0 };
         self.engine.rasterizer(self.request.device, |rasterizer| {
             let pixels = self.pixels(colors, alphas);
             let begin = Instant::now();
@@ -155,13 +157,17 @@ impl Tape {
                         let mut by = Gradients { geometry, sh, ..Gradients::default() };
                         rasterizer.backward_into(gaussians, tape, pixels, &mut by)?;
                         let arrays = by_stored(by.geometry, by.sh, gaussians.sh_degree());
-                        found.add(self.engine, arrays, (by.background, by.poses));
+                        found.add(self.engine, arrays, (by.background, by.cameras));
                     }
                     Numbers::Activated(arrays) => {
                         let mut by = self.buffers(arrays);
                         rasterizer.backward_activated_into(arrays, tape, pixels, &mut by)?;
                         let gaussians = [by.means, by.quats, by.scales, by.opacities, by.colors];
-                        found.add(self.engine, by_arrays(gaussians, arrays.kind), (by.background, by.poses));
+                        found.add(
+                            self.engine,
+                            by_arrays(gaussians, arrays.kind),
+                            (by.background, by.cameras),
+                        );
                     }
                 }
             }
@@ -217,7 +223,12 @@ fn by_arrays([means, quats, scales, opacities, colors]: [Vec<f32>; 5], kind: Col
 
 impl Found {
     /// Adds the gradients of a run, whose memory goes back to the engine.
-    fn add(&mut self, engine: &Engine, arrays: Vec<By>, (background, poses): ([f64; 3], Vec<PoseGradient>)) {
+    fn add(
+        &mut self,
+        engine: &Engine,
+        arrays: Vec<By>,
+        (background, cameras): ([f64; 3], Vec<CameraGradient>),
+    ) {
         if self.arrays.is_empty() {
             self.arrays = arrays;
         } else {
@@ -227,7 +238,7 @@ impl Found {
             }
         }
         self.backgrounds.push(background);
-        self.poses.extend(poses);
+        self.cameras.extend(cameras);
     }
 }
 
@@ -274,8 +285,8 @@ impl Tape {
         for By { name, numbers, row } in found.arrays {
             dict.set_item(name, lend(py, self.engine, numbers, [vec![n], row].concat())?)?;
         }
-        let poses: Vec<f64> = found.poses.iter().flat_map(pose_gradient).collect();
-        let shape = [found.poses.len(), 4, 4];
+        let poses: Vec<f64> = found.cameras.iter().flat_map(pose_gradient).collect();
+        let shape = [found.cameras.len(), 4, 4];
         let poses = if self.request.is_double {
             give(py, poses, shape)?
         } else {

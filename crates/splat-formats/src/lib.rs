@@ -15,4 +15,4 @@ pub use error::{Error, Quantity, Result, Rule};
 pub use file::{Encoder, Remark, Scene, read_scene, write_scene};
 pub use format::Format;
 pub use loss::Loss;
-pub use turn::{HalfTurn, half_turn};
+pub use turn::{HalfTurn, Similarity, half_turn};

@@ -114,15 +114,18 @@ pub fn half_turn(gaussians: &mut Gaussians, axis: HalfTurn) {
 
 /// A rotation, a scale and a translation, in this order.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Similarity {
-    pub(crate) rotation: DQuat,
-    pub(crate) scale: f64,
-    pub(crate) translation: DVec3,
+pub struct Similarity {
+    /// Of unit length.
+    pub rotation: DQuat,
+    /// Above 0.
+    pub scale: f64,
+    /// In units after scaling.
+    pub translation: DVec3,
 }
 
 impl Similarity {
-    /// Moves all Gaussians.
-    pub(crate) fn apply(&self, gaussians: &mut Gaussians) {
+    /// Moves all Gaussians, and turns their colours with them.
+    pub fn apply(&self, gaussians: &mut Gaussians) {
         let count = sh_coefficients(gaussians.sh_degree());
         let (geometry, sh) = gaussians.buffers_mut();
         for row in geometry.chunks_exact_mut(Gaussians::GEOMETRY) {

@@ -63,6 +63,8 @@ pub enum Step {
     Again(&'static str),
     /// Comparing poses with matches that were found without them.
     Check,
+    /// Taking the distortion of the lens out of the photographs.
+    Undistort,
 }
 
 /// What an engine found.

@@ -61,6 +61,14 @@ pub enum Error {
         /// How many of them differ from the one before.
         different: usize,
     },
+    /// A file does not say how a world was levelled.
+    #[error("{}: no levelling to undo: {problem}; expected the poses.json of a data set that `poses` wrote", path.display())]
+    NoLevelling {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
     /// A program is not on the PATH.
     #[error("{program} is needed {purpose} and is not on the PATH; {install}")]
     NoProgram {
@@ -71,11 +79,21 @@ pub enum Error {
         /// How to get it.
         install: &'static str,
     },
+    /// A program is too old.
+    #[error("this version of {program} has no command {command}; version {since} has it")]
+    NoCommand {
+        /// The program.
+        program: &'static str,
+        /// Its command.
+        command: &'static str,
+        /// First version that has it.
+        since: u32,
+    },
     /// A program does not run to its end.
     #[error("{program} {step} failed ({status}): {said}")]
     Program {
         /// The program.
-        program: &'static str,
+        program: String,
         /// Its command.
         step: String,
         /// Its exit status.

@@ -1,10 +1,11 @@
 //! From photographs or a video to a posed data set.
 
-use crate::colmap::{Colmap, INSTALL};
+use crate::colmap::{Colmap, INSTALL, Mapper};
 use crate::engine::{Engine, Solution, Step, Task};
 use crate::error::MINIMUM;
 use crate::level::{Levelling, level};
 use crate::photographs::{MOST, chain, list_photographs, prepare_photographs};
+use crate::pinhole::undistort;
 use crate::verdict::{Verdict, judge, write_data_set};
 use crate::video::{Cut, frames, is_video};
 use crate::{CameraGroup, Error, Photographs, Result};
@@ -21,8 +22,10 @@ pub enum EngineChoice {
     Auto,
     /// openMVG-rs.
     OpenMvg,
-    /// COLMAP.
+    /// COLMAP, photograph by photograph.
     Colmap,
+    /// COLMAP's global mapper, which version 4 has.
+    ColmapGlobal,
 }
 
 /// How poses are estimated.
@@ -34,6 +37,9 @@ pub struct Settings {
     pub cut: Cut,
     /// Keep blurred photographs and copies.
     pub keep_all: bool,
+    /// Take the distortion of the lens out of the photographs: pinholes are written. Otherwise they stay as they are, and the lens is written
+    /// with its distortion.
+    pub undistort: bool,
     /// Seed of random draws.
     pub seed: u64,
 }
@@ -148,7 +154,7 @@ pub fn estimate_poses(
         seed: settings.seed,
         work: &work,
     };
-    let (best, attempts) = best_of(&engines, &task, staging.folder(), on_step)?;
+    let (mut best, attempts) = best_of(&engines, &task, staging.folder(), on_step)?;
     let advice = (!best.verdict.doubts.is_empty()).then(|| advice(&attempts));
     if best.verdict.is_fatal() {
         let doubts = best.verdict.doubts.iter().map(ToString::to_string).collect();
@@ -163,6 +169,11 @@ pub fn estimate_poses(
     for left_out in &not_used {
         // Those that could not be read never got there.
         let _ = std::fs::remove_file(images.join(&left_out.photograph));
+    }
+    if settings.undistort {
+        on_step(Step::Undistort);
+        undistort(&mut best.solution, &task, staging.folder())?;
+        write_data_set(&best.solution, &task, staging.folder())?;
     }
     std::fs::remove_dir_all(&work).map_err(file("remove", &work))?;
     let estimate = Estimate {
@@ -210,7 +221,7 @@ fn source(input: &Path, files: &[PathBuf]) -> Result<Source> {
 /// The engines to ask.
 fn engines(choice: EngineChoice) -> Result<Vec<Box<dyn Engine>>> {
     let mut engines: Vec<Box<dyn Engine>> = Vec::new();
-    if choice != EngineChoice::Colmap {
+    if matches!(choice, EngineChoice::Auto | EngineChoice::OpenMvg) {
         #[cfg(feature = "openmvg")]
         engines.push(Box::new(crate::OpenMvg));
         #[cfg(not(feature = "openmvg"))]
@@ -218,8 +229,15 @@ fn engines(choice: EngineChoice) -> Result<Vec<Box<dyn Engine>>> {
             return Err(Error::NotBuilt);
         }
     }
-    if choice == EngineChoice::Colmap || choice == EngineChoice::Auto && Colmap::is_there() {
-        engines.push(Box::new(Colmap));
+    let colmap = |mapper| Box::new(Colmap::new(mapper));
+    match choice {
+        EngineChoice::Colmap => engines.push(colmap(Mapper::Incremental)),
+        EngineChoice::ColmapGlobal => engines.push(colmap(Mapper::Global)),
+        EngineChoice::Auto if Colmap::is_there() => {
+            engines.push(colmap(Mapper::Incremental));
+            engines.push(colmap(Mapper::Global));
+        }
+        EngineChoice::Auto | EngineChoice::OpenMvg => {}
     }
     Ok(engines)
 }
@@ -266,6 +284,8 @@ fn best_of(
                     best = Some(candidate);
                 }
             }
+            // Of several engines, one that this version of COLMAP lacks is none.
+            Err(Error::NoCommand { .. }) if engines.len() > 1 => continue,
             Err(error) => {
                 attempt.failed = Some(chain(&error));
                 failure.get_or_insert(error);

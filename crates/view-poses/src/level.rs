@@ -1,11 +1,14 @@
 //! Up, origin and scale: an engine's world has none.
 
 use crate::engine::Solution;
-use glam::{DMat3, DVec3};
-use serde::Serialize;
+use crate::estimate::RECORD;
+use crate::{Error, Result};
+use glam::{DMat3, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// What an engine's world was turned, moved and scaled by: `p_new = scale · rotation · (p_old - origin)`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Levelling {
     /// How up was found; it is +z afterwards.
     pub up: Up,
@@ -18,7 +21,7 @@ pub struct Levelling {
 }
 
 /// How up was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Up {
     /// Perpendicular to the horizontal axes of all cameras.
@@ -36,10 +39,49 @@ const SPREAD: f64 = 0.02;
 /// Length of the mean of the cameras' up from which on they agree.
 const AGREE: f64 = 0.3;
 
+impl Levelling {
+    /// That of a data set which [`estimate_poses`](crate::estimate_poses) wrote, from its `poses.json`, or from the folder that has it.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or holds no levelling: a rotation, an origin and a scale above 0, all finite.
+    pub fn read(path: &Path) -> Result<Self> {
+        #[derive(Deserialize)]
+        struct Record {
+            levelling: Levelling,
+        }
+        let path = if path.is_dir() { path.join(RECORD) } else { path.to_path_buf() };
+        let text = std::fs::read(&path);
+        let text = text.map_err(|source| Error::File { action: "read", path: path.clone(), source })?;
+        let wrong = |problem: String| Error::NoLevelling { path: path.clone(), problem };
+        let Record { levelling } = serde_json::from_slice(&text).map_err(|error| wrong(error.to_string()))?;
+        let Self { rotation, origin, scale, .. } = levelling;
+        let turn = DMat3::from_cols_array_2d(&rotation);
+        let is_turn =
+            (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-6) && turn.determinant() > 0.0;
+        if !is_turn {
+            return Err(wrong(format!("rotation is {rotation:?}, expected one")));
+        }
+        if !(scale > 0.0 && scale.is_finite() && origin.iter().all(|number| number.is_finite())) {
+            return Err(wrong(format!(
+                "origin and scale are {origin:?} and {scale}, expected numbers, and a scale above 0"
+            )));
+        }
+        Ok(levelling)
+    }
+
+    /// Rotation, scale and translation, in this order, that undo it.
+    #[must_use]
+    pub fn undone(&self) -> (DQuat, f64, DVec3) {
+        // Rows as columns are the inverse.
+        let back = DQuat::from_mat3(&DMat3::from_cols_array_2d(&self.rotation)).normalize();
+        (back, self.scale.recip(), DVec3::from_array(self.origin))
+    }
+}
+
 /// Levels a solution in place; one without points keeps its scale.
 pub(crate) fn level(solution: &mut Solution) -> Levelling {
     let (up, direction) = up(solution);
-    let rotation = glam::DQuat::from_rotation_arc(direction, DVec3::Z);
+    let rotation = DQuat::from_rotation_arc(direction, DVec3::Z);
     let rotation = DMat3::from_quat(rotation);
     let origin = median_point(solution);
     let mut distances: Vec<f64> = Vec::new();
@@ -167,6 +209,32 @@ mod tests {
         let rotation = DMat3::from_cols_array_2d(&levelling.rotation).transpose();
         let again = rotation * (places[3] - DVec3::from_array(levelling.origin)) * levelling.scale;
         assert!((again - solution.poses[3].unwrap().position).length() < 1e-12);
+        let (turn, scale, translation) = levelling.undone();
+        assert!((translation + scale * (turn * again) - places[3]).length() < 1e-12);
+    }
+
+    #[test]
+    fn a_record_is_read_again_and_a_wrong_one_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut solution = around(&[DVec3::new(1.0, 3.0, 0.0), DVec3::new(0.0, 3.0, 0.1)], DVec3::Z);
+        let levelling = level(&mut solution);
+        let write = |levelling: Levelling| {
+            let record = serde_json::json!({ "levelling": levelling, "engine": "any" });
+            std::fs::write(folder.path().join(RECORD), record.to_string()).unwrap();
+            Levelling::read(folder.path())
+        };
+        assert_eq!(write(levelling).unwrap(), levelling);
+        let wrong = [
+            Levelling { scale: 0.0, ..levelling },
+            Levelling { scale: f64::NAN, ..levelling },
+            Levelling { rotation: [[1.0, 0.0, 0.0]; 3], ..levelling },
+            Levelling { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]], ..levelling },
+        ];
+        for wrong in wrong {
+            let said = write(wrong).unwrap_err().to_string();
+            assert!(said.contains(RECORD), "{said}");
+        }
+        assert!(Levelling::read(&folder.path().join("none.json")).is_err());
     }
 
     #[test]

@@ -15,11 +15,12 @@ mod openmvg;
 mod program;
 
 mod level;
+mod pinhole;
 mod verdict;
 
 mod estimate;
 
-pub use colmap::Colmap;
+pub use colmap::{Colmap, Mapper};
 pub use engine::{Engine, Pose, Solution, Step, Task};
 pub use error::{Error, Result};
 pub use estimate::{

@@ -27,7 +27,7 @@ pub struct Photograph {
     pub turned: bool,
     /// The picture, reduced: colours of points are taken from it.
     #[cfg_attr(not(feature = "openmvg"), allow(dead_code, reason = "COLMAP finds colours itself"))]
-    colours: RgbImage,
+    pub(crate) colours: RgbImage,
 }
 
 impl Photograph {
@@ -192,7 +192,7 @@ fn read(file: &Path, images: &Path) -> Result<Read> {
     let target = images.join(&name);
     if turned {
         picture.apply_orientation(orientation);
-        write_turned(&picture, &target)?;
+        write_picture(&picture, &target)?;
     } else {
         std::fs::write(&target, &bytes).map_err(unreadable("copy"))?;
     }
@@ -212,8 +212,8 @@ fn read(file: &Path, images: &Path) -> Result<Read> {
     Ok(Read { photograph, exif, look: Look::of(&compared.to_luma8()) })
 }
 
-/// In the format of its name.
-fn write_turned(picture: &DynamicImage, target: &Path) -> Result<()> {
+/// Writes a picture in the format of its name.
+pub(crate) fn write_picture(picture: &DynamicImage, target: &Path) -> Result<()> {
     let mut bytes = Vec::new();
     let is_png = target.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
     let encoded = if is_png {

@@ -15,8 +15,8 @@ pub(crate) fn is_there(program: &str) -> bool {
 }
 
 /// Runs a program to its end, without a window system, and returns what it wrote.
-pub(crate) fn run(program: &'static str, arguments: &[OsString], work: &Path) -> Result<String> {
-    let begin = |source| Error::File { action: "run", path: program.into(), source };
+pub(crate) fn run(program: &Path, arguments: &[OsString], work: &Path) -> Result<String> {
+    let begin = |source| Error::File { action: "run", path: program.to_path_buf(), source };
     // Through a file: a pipe that nobody empties would stop the program.
     let log = work.join("log.txt");
     let file = std::fs::File::create(&log).map_err(begin)?;
@@ -33,6 +33,7 @@ pub(crate) fn run(program: &'static str, arguments: &[OsString], work: &Path) ->
         return Ok(said);
     }
     let step = arguments.first().map(|step| step.to_string_lossy().into_owned()).unwrap_or_default();
+    let program = program.display().to_string();
     Err(Error::Program { program, step, status, said: last_lines(&said) })
 }
 

@@ -90,7 +90,7 @@ pub(crate) fn frames(
     read?;
     if !status.success() {
         return Err(Error::Program {
-            program: PROGRAM,
+            program: PROGRAM.to_owned(),
             step: video.display().to_string(),
             status,
             said: said(),
@@ -109,7 +109,7 @@ pub(crate) fn frames(
         .map_err(file("run", Path::new(PROGRAM)))?;
     if !status.success() {
         return Err(Error::Program {
-            program: PROGRAM,
+            program: PROGRAM.to_owned(),
             step: video.display().to_string(),
             status,
             said: said(),

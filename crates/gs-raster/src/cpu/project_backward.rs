@@ -6,7 +6,7 @@ use super::footprint::{BLOCK, Columns, Footprint, View};
 use super::project::{CHUNK, Logs, Splat};
 use super::sums::{Sums, add};
 use super::{Source, math, sh};
-use crate::{PoseGradient, RenderSettings};
+use crate::{CameraGradient, RenderSettings};
 use cpu_kernels::{Isa, compiled_for};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
 
 /// Adds the gradients of the splats, whose sums are in `order`, to `sums`, and the sums of their shares to `shares`
-/// if there are any; returns the gradients by the pose.
+/// if there are any; returns the gradients by the camera.
 pub(super) fn project_backward(
     source: Source<'_>,
     camera: &Camera,
@@ -23,7 +23,7 @@ pub(super) fn project_backward(
     summed: &Summed<'_>,
     sums: &mut Sums<'_>,
     shares: Option<&mut [[f32; 2]]>,
-) -> PoseGradient {
+) -> CameraGradient {
     let mut places = vec![0; splats.end()];
     for (place, &index) in (0u32..).zip(order) {
         places[index as usize] = place;
@@ -41,7 +41,7 @@ pub(super) fn project_backward(
         Some(shares) => shares.chunks_mut(CHUNK).collect(),
         None => (0..source.len().div_ceil(CHUNK)).map(|_| <&mut [[f32; 2]]>::default()).collect(),
     };
-    let poses: Vec<PoseGradient> = splats
+    let cameras: Vec<CameraGradient> = splats
         .chunks()
         .zip(splats.logs())
         .zip(places.par_chunks(CHUNK))
@@ -53,10 +53,11 @@ pub(super) fn project_backward(
             chunk_backward(isa, &mut chunk, &view, summed)
         })
         .collect();
-    let mut sum = PoseGradient { rotation: DMat3::ZERO, translation: DVec3::ZERO };
-    for pose in poses {
-        sum.rotation += pose.rotation;
-        sum.translation += pose.translation;
+    let mut sum = CameraGradient { rotation: DMat3::ZERO, translation: DVec3::ZERO, focal: 0.0 };
+    for camera in cameras {
+        sum.rotation += camera.rotation;
+        sum.translation += camera.translation;
+        sum.focal += camera.focal;
     }
     sum
 }
@@ -81,7 +82,7 @@ fn compiled<const DEGREE: usize>(
     chunk: &mut Chunk<'_>,
     view: &View,
     summed: &Summed<'_>,
-) -> PoseGradient {
+) -> CameraGradient {
     compiled_for!(isa, chunk_backward::<DEGREE>(chunk, view, summed))
 }
 
@@ -90,7 +91,7 @@ fn chunk_backward<const DEGREE: usize>(
     chunk: &mut Chunk<'_>,
     view: &View,
     summed: &Summed<'_>,
-) -> PoseGradient {
+) -> CameraGradient {
     let coefficients = sh_coefficients(DEGREE);
     let mut room = [0.0; 3];
     let mut stored = Columns::new();
@@ -154,7 +155,7 @@ fn chunk_backward<const DEGREE: usize>(
             }
         }
     }
-    block.pose(summed.unit)
+    block.camera(summed.unit)
 }
 
 /// The gradient by the colour before it was cut at 0.
@@ -178,8 +179,8 @@ struct Block {
     /// The gradient by the mean through the direction of the view.
     shift: [[f64; BLOCK]; 3],
     geometry: [[f32; BLOCK]; Gaussians::GEOMETRY],
-    /// Sums over blocks: by rotation, column by column, and by translation.
-    pose: [[f64; BLOCK]; 12],
+    /// Sums over blocks: by rotation, column by column, by translation, and by the logarithm of the focal length.
+    camera: [[f64; BLOCK]; 13],
 }
 
 impl Block {
@@ -191,7 +192,7 @@ impl Block {
             basis: [[0.0; BLOCK]; sh::COEFFICIENTS_MAX],
             shift: [[0.0; BLOCK]; 3],
             geometry: [[0.0; BLOCK]; Gaussians::GEOMETRY],
-            pose: [[0.0; BLOCK]; 12],
+            camera: [[0.0; BLOCK]; 13],
         }
     }
 
@@ -307,8 +308,14 @@ impl Block {
             column[at] = finite(unit * value);
         }
         let active = self.active[at];
+        // A longer focal length moves the centre along its slope, and stretches what the rows of J map without the slope.
+        let by_focal = by_slope[0] * shape.slope[0]
+            + by_slope[1] * shape.slope[1]
+            + by_row[0].dot(view.rotation.row(0))
+            + by_row[1].dot(view.rotation.row(1));
+        self.camera[12][at] += if active { by_focal } else { 0.0 };
         let pose = [by_x, by_y, by_z, by_translation];
-        for (sums, by) in self.pose.chunks_exact_mut(3).zip(pose) {
+        for (sums, by) in self.camera.chunks_exact_mut(3).zip(pose) {
             sums[0][at] += if active { by.x } else { 0.0 };
             sums[1][at] += if active { by.y } else { 0.0 };
             sums[2][at] += if active { by.z } else { 0.0 };
@@ -316,14 +323,15 @@ impl Block {
     }
 
     /// The sums over all blocks, times `unit`.
-    fn pose(&self, unit: f64) -> PoseGradient {
-        let sums = self.pose.map(|column| {
+    fn camera(&self, unit: f64) -> CameraGradient {
+        let sums = self.camera.map(|column| {
             let sum = unit * column.iter().sum::<f64>();
             if sum.is_nan() { 0.0 } else { sum.clamp(f64::MIN, f64::MAX) }
         });
-        PoseGradient {
+        CameraGradient {
             rotation: DMat3::from_cols_slice(&sums[..9]),
-            translation: DVec3::from_slice(&sums[9..]),
+            translation: DVec3::from_slice(&sums[9..12]),
+            focal: sums[12],
         }
     }
 }

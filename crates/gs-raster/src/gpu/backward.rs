@@ -5,7 +5,7 @@ use super::forward::{Tape, ViewTape};
 use super::passes::StoredSums;
 use super::pool::Use;
 use super::upload::Upload;
-use crate::{Error, Gradients, PixelGradients, PoseGradient, Result};
+use crate::{CameraGradient, Error, Gradients, PixelGradients, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::Camera;
 use gs_shaders::{PAIR_GRADS, PIXEL_GRADS, POSE_SUMS, WORKGROUP};
@@ -33,8 +33,7 @@ impl Gpu {
                     *background += f64::from(*v) * f64::from(*t);
                 }
             }
-            let pose = self.view_backward(&tape.upload, view, camera, pixels, &sums)?;
-            gradients.poses.push(pose);
+            gradients.cameras.push(self.view_backward(&tape.upload, view, camera, pixels, &sums)?);
         }
         let mut recording = self.recording();
         let staged = [&sums.geometry, &sums.sh].map(|buffer| self.stage(&mut recording, buffer));
@@ -53,7 +52,7 @@ impl Gpu {
         camera: &Camera,
         pixels: &PixelGradients,
         sums: &StoredSums,
-    ) -> Result<PoseGradient> {
+    ) -> Result<CameraGradient> {
         let pixel_grads = self.pool.storage(&pixel_gradients(view, pixels));
         let row = |numbers: usize| (numbers * size_of::<f32>()) as u64;
         let pair_grads = self.pool.take(Use::Storage, u64::from(view.n_pairs) * row(PAIR_GRADS));
@@ -71,7 +70,7 @@ impl Gpu {
                 *sum += f64::from(*value);
             }
         }
-        Ok(pose(&sums, camera))
+        Ok(camera_gradient(&sums, camera))
     }
 }
 
@@ -94,9 +93,10 @@ fn pixel_gradients(view: &ViewTape, pixels: &PixelGradients) -> Vec<f32> {
     grads
 }
 
-/// The pose gradient from its sums over Gaussians: by D in p ← D p (9), by t (3), and by the camera centre -Rᵀ t through colours
-/// (3). As p = R m + t, the derivative by R is (that by D, less that by t times tᵀ) R⁻ᵀ.
-fn pose(sums: &[f64; POSE_SUMS], camera: &Camera) -> PoseGradient {
+/// The gradient by a camera from its sums over Gaussians: by D in p ← D p (9), by t (3), and by the camera centre -Rᵀ t through
+/// colours (3). As p = R m + t, the derivative by R is (that by D, less that by t times tᵀ) R⁻ᵀ. A longer focal length is a stretch of x
+/// and y that leaves the centre where it is.
+fn camera_gradient(sums: &[f64; POSE_SUMS], camera: &Camera) -> CameraGradient {
     let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
     let by_centre = vector(12);
     let (by_axes, by_t) = (DMat3::from_cols(vector(0), vector(3), vector(6)).transpose(), vector(9));
@@ -104,8 +104,9 @@ fn pose(sums: &[f64; POSE_SUMS], camera: &Camera) -> PoseGradient {
     // R itself but for rounding, which far from the world's origin would be seen.
     let to_rows = camera.rotation().inverse().transpose();
     let outer = |a: DVec3, b: DVec3| DMat3::from_cols(a * b.x, a * b.y, a * b.z);
-    PoseGradient {
+    CameraGradient {
         rotation: (by_axes - outer(by_t, t)) * to_rows - outer(t, by_centre),
         translation: by_t - camera.rotation() * by_centre,
+        focal: sums[0] + sums[4],
     }
 }

@@ -28,7 +28,7 @@ impl Gpu {
         let mut gradients = crate::Gradients::default();
         gradients.clear(scene.len(), scene.sh_degree());
         self.backward(&tape, &[camera], &[loss()], &mut gradients)?;
-        let (view, pose) = (&views[0], gradients.poses[0]);
+        let (view, pose) = (&views[0], gradients.cameras[0]);
         // What is not recorded and has no depth goes another way through the shaders.
         let plain = self.render(&scene, &[camera], &RenderSettings { depth: false, ..settings })?;
         let depth = view.depth.as_deref().unwrap_or_default();

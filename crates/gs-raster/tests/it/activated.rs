@@ -76,7 +76,7 @@ impl Arrays {
 
 /// Gradients of what is stored, without those by background and poses.
 fn gradients(geometry: Vec<f32>, sh: Vec<f32>) -> Gradients {
-    Gradients { geometry, sh, background: [0.0; 3], poses: Vec::new() }
+    Gradients { geometry, sh, background: [0.0; 3], cameras: Vec::new() }
 }
 
 const KINDS: [Colors; 3] =
@@ -373,13 +373,13 @@ proptest! {
         for (found, expected) in found_views.iter().zip(&views) {
             prop_assert_eq!(bits(found), bits(expected));
         }
-        prop_assert_eq!((found_views.len(), found.poses.len()), (cameras.len(), cameras.len()));
+        prop_assert_eq!((found_views.len(), found.cameras.len()), (cameras.len(), cameras.len()));
         let numbers = |of: &ActivatedGradients| -> Vec<u32> {
             let arrays = [&of.means, &of.quats, &of.scales, &of.opacities, &of.colors];
             arrays.into_iter().flatten().map(|number| number.to_bits()).collect()
         };
         prop_assert_eq!(numbers(&found), numbers(&expected));
-        prop_assert_eq!((found.background, found.poses), (expected.background, expected.poses));
+        prop_assert_eq!((found.background, found.cameras), (expected.background, expected.cameras));
     }
 
     #[test]

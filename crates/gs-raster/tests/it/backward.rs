@@ -1,11 +1,11 @@
 //! What must hold of any gradient, whatever its value.
 
-use crate::check::by;
+use crate::check::{by, settings};
 use crate::losses::{noise, pixels};
 use crate::scenes::backward;
 use gs_raster::{Error, Gradients, PixelGradients, Rasterizer, RenderSettings};
 use gs_reference::tolerance::F32_RANDOM_GRADIENT;
-use gs_reference::{Variable, compare};
+use gs_reference::{Profile, Variable, compare};
 use gs_scene::{Camera, Gaussians, SH_C0};
 
 const BACKGROUND: [f32; 3] = [0.2, 0.5, 0.9];
@@ -45,8 +45,9 @@ fn norm(values: &[f32]) -> f64 {
 /// All bits of gradients.
 fn bits(gradients: &Gradients) -> Vec<u64> {
     let single = gradients.geometry.iter().chain(&gradients.sh).map(|value| u64::from(value.to_bits()));
-    let poses = gradients.poses.iter().flat_map(|pose| {
-        pose.rotation.to_cols_array().into_iter().chain(pose.translation.to_array()).collect::<Vec<f64>>()
+    let poses = gradients.cameras.iter().flat_map(|pose| {
+        let numbers = pose.rotation.to_cols_array().into_iter().chain(pose.translation.to_array());
+        numbers.chain([pose.focal]).collect::<Vec<f64>>()
     });
     single.chain(gradients.background.into_iter().chain(poses).map(f64::to_bits)).collect()
 }
@@ -81,6 +82,38 @@ fn what_a_rasterizer_drew_before_changes_nothing() {
         };
         let fresh = draw(&mut Rasterizer::cpu(), &mut Gradients::default());
         assert!(draw(&mut used, &mut memory) == fresh, "view {number}");
+    }
+}
+
+#[test]
+fn the_focal_length_has_the_derivative_of_finite_differences() {
+    let (mut scene, camera) = discs(60);
+    // One beside the picture, which its rim reaches: the Jacobian is that at the limit.
+    scene.push([4.0, 0.0, 3.0], [1.0, 0.1, 0.0, 0.2], [0.5, 0.0, 0.2], 1.0, &[0.2; 27]);
+    for antialias in [false, true] {
+        let profile = Profile { antialias, ..Profile::default() };
+        let settings = settings(&profile, BACKGROUND);
+        let pixels = some_pixels(&camera);
+        let pixels = PixelGradients { depth: None, ..pixels };
+        let loss = |factor: f64| {
+            let lens = camera.intrinsics();
+            let lens = gs_scene::Intrinsics { fx: lens.fx * factor, fy: lens.fy * factor, ..*lens };
+            let moved = Camera::new(lens, camera.rotation(), camera.translation()).expect("valid");
+            let seen = gs_reference::render(&scene, &moved, BACKGROUND.map(f64::from), &profile);
+            let sum = |weights: &[f32], values: &[f64]| -> f64 {
+                weights.iter().zip(values).map(|(weight, value)| f64::from(*weight) * value).sum()
+            };
+            sum(&pixels.image, &seen.image) + sum(pixels.alpha.as_ref().expect("given"), &seen.alpha)
+        };
+        // Small enough that no pixel changes sides at a threshold.
+        const STEP: f64 = 1e-7;
+        let expected = (loss(1.0 + STEP) - loss(1.0 - STEP)) / (2.0 * STEP);
+        let found = backward(&scene, &camera, &settings, &pixels).cameras[0].focal;
+        assert!(expected.abs() > 1.0, "{expected}");
+        assert!(
+            (found - expected).abs() < 1e-5 * expected.abs(),
+            "{antialias}: {found}, expected {expected}"
+        );
     }
 }
 
@@ -203,7 +236,7 @@ fn views_of_a_batch_add_up() {
     rasterizer.backward_into(&scene, &tape, &pixels, &mut again).expect("valid");
     assert_eq!(again, both);
     let each = [0, 1].map(|view| backward(&scene, &cameras[view], &with_depth(), &pixels[view]));
-    assert_eq!(both.poses, [each[0].poses[0], each[1].poses[0]]);
+    assert_eq!(both.cameras, [each[0].cameras[0], each[1].cameras[0]]);
     for (buffer, [a, b]) in
         [(&both.geometry, [&each[0].geometry, &each[1].geometry]), (&both.sh, [&each[0].sh, &each[1].sh])]
     {

@@ -131,7 +131,7 @@ fn pixel_gradients(loss: &Loss, alpha: &[f32], depth: &[f32]) -> PixelGradients<
 
 /// The derivatives by one variable, if this renderer takes them.
 pub(crate) fn by(gradients: &Gradients, variable: Variable, camera: &Camera) -> Option<Vec<f64>> {
-    let pose = gradients.poses[0];
+    let pose = gradients.cameras[0];
     match variable {
         Variable::Sh => Some(gradients.sh.iter().map(|&v| f64::from(v)).collect()),
         Variable::Background => Some(gradients.background.to_vec()),

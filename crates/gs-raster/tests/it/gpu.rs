@@ -34,8 +34,9 @@ fn bits(view: &Rendering) -> Vec<u32> {
 
 /// Every bit of gradients.
 fn gradient_bits(gradients: &Gradients) -> Vec<u64> {
-    let poses = gradients.poses.iter().flat_map(|pose| {
-        [pose.rotation.to_cols_array().as_slice(), pose.translation.to_array().as_slice()].concat()
+    let poses = gradients.cameras.iter().flat_map(|pose| {
+        let numbers = pose.rotation.to_cols_array().into_iter().chain(pose.translation.to_array());
+        numbers.chain([pose.focal]).collect::<Vec<f64>>()
     });
     let doubles = gradients.background.into_iter().chain(poses).map(f64::to_bits);
     let singles = gradients.geometry.iter().chain(&gradients.sh).map(|value| u64::from(value.to_bits()));

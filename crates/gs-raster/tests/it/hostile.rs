@@ -239,8 +239,8 @@ pub(crate) fn finite_gradients(
         PixelGradients { image: plane(size * 3).into(), alpha: Some(plane(size)), depth: Some(plane(size)) };
     let found = rasterizer.backward(&scene, &tape, &[pixels]).expect("valid");
     prop_assert!(found.geometry.iter().chain(&found.sh).all(|value| value.is_finite()));
-    let pose = found.poses[0];
-    prop_assert!(pose.rotation.is_finite() && pose.translation.is_finite());
+    let pose = found.cameras[0];
+    prop_assert!(pose.rotation.is_finite() && pose.translation.is_finite() && pose.focal.is_finite());
     prop_assert!(found.background.iter().all(|value| value.is_finite()));
     for (row, by) in rows.iter().zip(found.geometry.chunks_exact(11)) {
         if row.0.iter().chain(&row.1).any(|value| !value.is_finite()) || row.0[2] <= 0.0 {

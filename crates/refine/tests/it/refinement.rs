@@ -3,7 +3,7 @@
 use crate::scenes::{cameras, disturbed, photographs, wall};
 use glam::{DMat3, DVec3};
 use gs_raster::Rasterizer;
-use gs_scene::{Camera, Gaussians, Image, View};
+use gs_scene::{Camera, Gaussians, Image, Intrinsics, View};
 use image_metrics::psnr;
 use refine::{Config, Loss, Rates, Refined, Stop, Stopped, refine};
 
@@ -85,6 +85,35 @@ fn cameras_that_are_off_come_back_where_they_may_move() {
     assert_eq!(moved.report.poses.len(), 4);
     let [fixed, moved] = [fixed, moved].map(|refined| quality(&refined.gaussians, &held_out));
     assert!(moved > fixed + 1.0, "{fixed} dB where cameras stay, {moved} dB where they move");
+}
+
+#[test]
+fn a_focal_length_that_is_off_comes_back_and_is_that_of_all_views() {
+    let truth = wall(16, 1.0);
+    let right = cameras(4, (64, 48), 1.0);
+    for off in [0.96, 1.04] {
+        let wrong = |camera: &Camera| {
+            let lens = *camera.intrinsics();
+            let lens = Intrinsics { fx: lens.fx * off, fy: lens.fy * off, ..lens };
+            Camera::new(lens, camera.rotation(), camera.translation()).unwrap()
+        };
+        let views: Vec<View> = photographs(&truth, &right)
+            .iter()
+            .zip(right.iter().map(wrong))
+            .map(|(view, camera)| View::new(view.name(), view.image().clone(), camera, None).unwrap())
+            .collect();
+        // The scene stays: a wall could follow a wrong focal length.
+        let rates =
+            Rates { mean: 0.0, rotation: 0.0, scale: 0.0, opacity: 0.0, colour: 0.0, sh: 0.0, pose: 0.1 };
+        let config = Config { stop: Stop::Steps(100), rates, smallest_gain: 0.0, ..Config::default() };
+        let refined = run(&truth, &views, &config);
+        let found = refined.cameras[0].intrinsics().fx / right[0].intrinsics().fx;
+        assert!((found - 1.0).abs() < 0.2 * (off - 1.0f64).abs(), "{off} before, {found} after");
+        for (camera, change) in refined.cameras.iter().zip(&refined.report.poses) {
+            assert_eq!(camera.intrinsics(), refined.cameras[0].intrinsics());
+            assert!((change.focal * off - found).abs() < 1e-12, "{change:?}");
+        }
+    }
 }
 
 #[test]

@@ -59,6 +59,39 @@ fn every_format_is_written_converted_rendered_and_described() {
 }
 
 #[test]
+fn a_scene_goes_back_to_the_world_that_its_poses_were_estimated_in() {
+    let tiny = Tiny::new();
+    let text = |name: &str| tiny.beside(name).to_str().unwrap().to_owned();
+    let mut scene = gs_scene::Gaussians::empty(0).unwrap();
+    scene.push([0.5, 1.0, -2.0], [1.0, 0.0, 0.0, 0.0], [0.25, 0.5, 0.75], 1.0, &[0.5; 3]);
+    gs_scene::write_ply(&tiny.beside("scene.ply"), &scene).unwrap();
+    // The world was moved by -(1, 2, 3), turned from y up to z up, and halved.
+    let record = r#"{"levelling": {"up": "horizon", "rotation": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "origin": [1, 2, 3], "scale": 0.5}}"#;
+    fs::create_dir(tiny.beside("scene-poses")).unwrap();
+    fs::write(tiny.beside("scene-poses/poses.json"), record).unwrap();
+    for of in ["scene-poses", "scene-poses/poses.json"] {
+        call(&["convert", &text("scene.ply"), &text("back.ply"), "--undo-levelling", &text(of)]).succeeded();
+        let back = read_scene(&tiny.beside("back.ply")).unwrap().gaussians;
+        let row = back.geometry();
+        // 2 (x, z, -y) + (1, 2, 3).
+        for (found, expected) in row.iter().zip([2.0, -2.0, 1.0]) {
+            assert!((found - expected).abs() < 1e-6, "{row:?}");
+        }
+        let scales = [0.25, 0.5, 0.75].map(|log: f32| log + 2f32.ln());
+        assert!(
+            row[7..10].iter().zip(scales).all(|(found, expected)| (found - expected).abs() < 1e-6),
+            "{row:?}"
+        );
+    }
+    fs::write(tiny.beside("scene-poses/poses.json"), "{}").unwrap();
+    let called =
+        call(&["convert", &text("scene.ply"), &text("x.ply"), "--undo-levelling", &text("scene-poses")]);
+    assert_eq!(called.code, Some(2));
+    assert!(called.stderr.contains("poses.json: no levelling to undo"), "{}", called.stderr);
+    assert!(!tiny.beside("x.ply").exists());
+}
+
+#[test]
 fn what_cannot_be_converted_is_refused() {
     let tiny = Tiny::new();
     let text = |name: &str| tiny.beside(name).to_str().unwrap().to_owned();

@@ -12,6 +12,7 @@ const SETTINGS: Settings = Settings {
     engine: EngineChoice::OpenMvg,
     cut: view_poses::Cut { frames: 40, from: None, to: None },
     keep_all: false,
+    undistort: false,
     seed: 0,
 };
 

@@ -4,6 +4,7 @@ use super::{bits, gpu, gradient_bits};
 use crate::activated::Arrays;
 use crate::losses::noise;
 use crate::parity::crowd;
+use crate::scenes::backward;
 use glam::{DMat3, DVec3, EulerRot};
 use gs_raster::{Colors, Error, PixelGradients, Rasterizer, RenderSettings};
 use gs_reference::compare;
@@ -67,12 +68,18 @@ fn gradients_are_the_sum_of_those_of_the_views_and_poses_are_their_own() {
     let together = gpu.backward(&scene, &tape, &losses).unwrap();
     let (mut geometry, mut sh) = (vec![0.0; together.geometry.len()], vec![0.0; together.sh.len()]);
     let mut background = [0.0; 3];
-    assert_eq!(together.poses.len(), cameras.len());
-    for ((camera, loss), pose) in cameras.iter().zip(&losses).zip(&together.poses) {
+    assert_eq!(together.cameras.len(), cameras.len());
+    for ((camera, loss), pose) in cameras.iter().zip(&losses).zip(&together.cameras) {
         let (_, tape) = gpu.record(&scene, &[*camera], &settings()).unwrap();
         let alone = gpu.backward(&scene, &tape, std::slice::from_ref(loss)).unwrap();
-        assert_eq!(alone.poses, [*pose]);
+        assert_eq!(alone.cameras, [*pose]);
         assert!(pose.translation.length() > 0.0);
+        let on_cpu = backward(&scene, camera, &settings(), loss).cameras[0].focal;
+        assert!(
+            (pose.focal - on_cpu).abs() < 1e-3 * on_cpu.abs().max(1.0),
+            "{} on the CPU {on_cpu}",
+            pose.focal
+        );
         for (sums, parts) in [(&mut geometry, &alone.geometry), (&mut sh, &alone.sh)] {
             assert!(parts.iter().any(|&value| value != 0.0));
             sums.iter_mut().zip(parts).for_each(|(sum, &part)| *sum += f64::from(part));
@@ -132,5 +139,5 @@ fn no_views_have_no_gradient() {
     let gradients = gpu.backward(&scene, &tape, &[]).unwrap();
     assert_eq!(gradients.geometry, vec![0.0; scene.geometry().len()]);
     assert_eq!(gradients.sh, vec![0.0; scene.sh().len()]);
-    assert!(gradients.poses.is_empty());
+    assert!(gradients.cameras.is_empty());
 }

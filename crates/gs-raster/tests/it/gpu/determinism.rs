@@ -117,7 +117,7 @@ proptest! {
         prop_assert_eq!(view, other_view);
         prop_assert_eq!(rows(&gradients.geometry, Gaussians::GEOMETRY), other.geometry);
         prop_assert_eq!(rows(&gradients.sh, k), other.sh);
-        prop_assert_eq!(gradients.poses, other.poses);
+        prop_assert_eq!(gradients.cameras, other.cameras);
         prop_assert_eq!(gradients.background, other.background);
     }
 }

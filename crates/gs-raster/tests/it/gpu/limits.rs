@@ -187,8 +187,9 @@ fn huge_pixel_gradients_give_finite_gradients() {
             PixelGradients { image: vec![value; 600].into(), alpha: Some(vec![-value; 200]), depth: None };
         let gradients = gpu.backward(&scene, &tape, &[loss.clone(), loss]).expect("valid");
         assert!(gradients.geometry.iter().chain(&gradients.sh).all(|value| value.is_finite()), "{value}");
-        let pose = gradients.poses[0];
+        let pose = gradients.cameras[0];
         assert!(pose.rotation.is_finite() && pose.translation.is_finite(), "{value}");
+        assert!(pose.focal.is_finite(), "{value}");
         assert!(gradients.background.iter().all(|value| value.is_finite()), "{value}");
     }
 }
