@@ -210,6 +210,10 @@ pub struct PoseSummary {
     /// Factor on the focal length that fits best, and the median with it, where another than 1 fits clearly
     /// better.
     pub focal_factor: Option<[f64; 2]>,
+    /// Names of frames whose pictures do not fit their poses while most do.
+    pub misfits: Vec<String>,
+    /// Pairs of frames that do not fit each other, of which it is not known which of the two is wrong.
+    pub unsure: Vec<[String; 2]>,
 }
 
 /// Measured depth against poses and matches.

@@ -33,7 +33,7 @@ pub(crate) fn medians_of_frames(posed: &[Option<Posed>], pairs: &[PairMatches]) 
 }
 
 /// Names the frames whose matches do not fit while the others' do, and says which two are exchanged.
-pub(crate) fn judge_frames(evidence: &Evidence, judged: &Judged, findings: &mut Vec<Finding>) {
+pub(crate) fn judge_frames(evidence: &Evidence, judged: &mut Judged, findings: &mut Vec<Finding>) {
     let Evidence { dataset, posed, pairs, .. } = *evidence;
     let Some(typical) = median(judged.medians.iter().flatten().copied().collect()) else { return };
     let bound = (FRAME_RATIO * typical).max(FRAME_PIXELS);
@@ -61,12 +61,11 @@ pub(crate) fn judge_frames(evidence: &Evidence, judged: &Judged, findings: &mut 
         left.retain(|(pair, _)| pair.first != worst && pair.second != worst);
     }
     let name = |i: usize| dataset.frames[i].name.as_str();
-    let unsure: Vec<String> = left
-        .iter()
-        .filter(|(_, median)| *median > bound)
-        .map(|(pair, _)| format!("{} and {}", name(pair.first), name(pair.second)))
-        .collect();
-    if !unsure.is_empty() {
+    let off = left.iter().filter(|(_, median)| *median > bound);
+    judged.summary.unsure =
+        off.map(|(pair, _)| [pair.first, pair.second].map(|i| name(i).to_owned())).collect();
+    if !judged.summary.unsure.is_empty() {
+        let unsure: Vec<String> = judged.summary.unsure.iter().map(|pair| pair.join(" and ")).collect();
         let text = format!(
             "in {} pairs of frames the pictures do not fit the poses, and too few pairs were matched to say \
              which of the two is \
@@ -94,6 +93,7 @@ pub(crate) fn judge_frames(evidence: &Evidence, judged: &Judged, findings: &mut 
         }
     }
     suspects.sort_unstable();
+    judged.summary.misfits = suspects.iter().map(|&i| name(i).to_owned()).collect();
     for i in suspects.into_iter().filter(|i| !named.contains(i)) {
         let frame = &dataset.frames[i];
         let value = judged.medians[i].unwrap_or(f64::INFINITY);

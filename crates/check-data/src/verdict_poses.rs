@@ -81,7 +81,7 @@ pub(crate) fn judge_poses(evidence: &Evidence, findings: &mut Vec<Finding>) -> J
     judged.fit = judge_readings(evidence, &scores, &mut judged.summary, findings);
     // Against poses that are all poor no single frame stands out.
     if judged.fit && scores[0].median.is_some_and(|here| here <= GOOD) {
-        judge_frames(evidence, &judged, findings);
+        judge_frames(evidence, &mut judged, findings);
     }
     judged.summary.readings = scores;
     judge_unchecked(evidence, &judged, findings);

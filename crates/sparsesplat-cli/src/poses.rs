@@ -11,7 +11,7 @@ use evaluate::{Recipe, peak_rss_bytes};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use view_poses::{Cut, EngineChoice, Estimate, Settings, Step, estimate_poses, is_made_from, is_video};
+use view_poses::{Cut, EngineChoice, Estimate, Settings, Step, Up, estimate_poses, is_made_from, is_video};
 
 /// Estimate the camera poses of photographs or of a video
 ///
@@ -194,6 +194,12 @@ fn estimated(input: &Path, folder: &Path, settings: &Settings, progress: &Progre
     if let Some(advice) = &estimate.advice {
         progress.warn(&format!("what helps: {advice}"));
     }
+    if estimate.other_formats > 0 {
+        let count = estimate.other_formats;
+        progress.warn(&format!(
+            "not used: {count} pictures in other formats (HEIC, TIFF, WebP, raw); convert them to JPEG or PNG"
+        ));
+    }
     const SHOWN: usize = 5;
     for left_out in estimate.not_used.iter().take(SHOWN) {
         progress.warn(&format!("not used: {}: {}", left_out.photograph, left_out.reason));
@@ -243,9 +249,12 @@ fn details(estimate: &Estimate) -> Vec<String> {
     if estimate.turned > 0 {
         lines.push(format!("turned     {} photographs as EXIF says", estimate.turned));
     }
-    lines.push(
-        "world      up is +z; the unit is the median distance of the points from the cameras".to_owned(),
-    );
+    let up = match estimate.levelling.up {
+        Up::Horizon => "up is +z",
+        Up::Cameras => "up is +z, by the mean of the photographs' up alone: it may be tilted",
+        Up::Unknown => "up is not known",
+    };
+    lines.push(format!("world      {up}; the unit is the median distance of the points from the cameras"));
     lines
 }
 

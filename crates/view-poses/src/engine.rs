@@ -103,6 +103,18 @@ impl Solution {
         Some((lens, Camera::from_camera_to_world(lens.intrinsics, pose.axes, pose.position).ok()?))
     }
 
+    /// Takes the poses of some photographs away.
+    pub(crate) fn leave_out(&mut self, photographs: &[usize], reason: &str) {
+        for &at in photographs {
+            self.poses[at] = None;
+            self.reasons[at] = Some(reason.to_owned());
+        }
+        for point in &mut self.points {
+            point.observations.retain(|seen| self.poses[seen.frame].is_some());
+        }
+        self.points.retain(|point| point.observations.len() > 1);
+    }
+
     /// Leaves out poses and points that are not finite or make no camera.
     pub(crate) fn without_nonsense(mut self, photographs: &[Photograph]) -> Self {
         for at in 0..self.poses.len() {

@@ -21,6 +21,12 @@ pub enum Error {
     /// A picture cannot be read, or the data set cannot be written.
     #[error(transparent)]
     Data(#[from] view_data::Error),
+    /// Neither a folder nor a video.
+    #[error("{}: expected a folder of photographs, or a video ({})", path.display(), crate::video::VIDEOS.join(", "))]
+    NoInput {
+        /// The file.
+        path: PathBuf,
+    },
     /// The folder has no PNG or JPEG files.
     #[error("{}: no photographs found; expected PNG or JPEG files in it or in its folder images{}", path.display(), others(*other))]
     NoPhotographs {

@@ -4,7 +4,7 @@ use crate::colmap::{Colmap, INSTALL, Mapper};
 use crate::engine::{Engine, Solution, Step, Task};
 use crate::error::MINIMUM;
 use crate::level::{Levelling, level};
-use crate::photographs::{MOST, chain, list_photographs, prepare_photographs};
+use crate::photographs::{Listed, MOST, chain, list_photographs, prepare_photographs};
 use crate::pinhole::undistort;
 use crate::verdict::{Verdict, judge, write_data_set};
 use crate::video::{Cut, frames, is_video};
@@ -65,6 +65,8 @@ pub struct Estimate {
     pub turned: usize,
     /// Photographs that are not used, and why.
     pub not_used: Vec<NotUsed>,
+    /// Pictures in formats that are not read.
+    pub other_formats: usize,
     /// What the engine's world was turned, moved and scaled by.
     pub levelling: Levelling,
 }
@@ -119,7 +121,15 @@ pub fn estimate_poses(
 ) -> Result<Estimate> {
     let engines = engines(settings.engine)?;
     let video = is_video(input);
-    let files = if video { vec![input.to_path_buf()] } else { list_photographs(input)? };
+    let found = std::fs::metadata(input).map_err(|source| Error::File {
+        action: "read",
+        path: input.into(),
+        source,
+    })?;
+    if !video && !found.is_dir() {
+        return Err(Error::NoInput { path: input.to_path_buf() });
+    }
+    let Listed { files, other_formats } = files_of(input)?;
     let source = source(input, &files)?;
     let staging = Staging::create(target)?;
     let (images, work) = (staging.folder().join("images"), staging.folder().join("work"));
@@ -186,6 +196,7 @@ pub fn estimate_poses(
         turned: prepared.photographs.iter().filter(|photograph| photograph.turned).count(),
         cameras: prepared.cameras,
         not_used,
+        other_formats,
         levelling: best.levelling,
     };
     let record = staging.folder().join(RECORD);
@@ -202,11 +213,19 @@ pub fn is_made_from(folder: &Path, input: &Path, settings: &Settings) -> bool {
     let record = || {
         let text = std::fs::read(folder.join(RECORD)).ok()?;
         let record: serde_json::Value = serde_json::from_slice(&text).ok()?;
-        let files = if is_video(input) { vec![input.to_path_buf()] } else { list_photographs(input).ok()? };
+        let Listed { files, .. } = files_of(input).ok()?;
         let same_source = Source::deserialize(&record["source"]).ok()? == source(input, &files).ok()?;
         Some(same_source && record["settings"] == serde_json::to_value(settings).ok()?)
     };
     folder.join("transforms.json").is_file() && record().unwrap_or(false)
+}
+
+/// A video, or the photographs of a folder.
+fn files_of(input: &Path) -> Result<Listed> {
+    if is_video(input) {
+        return Ok(Listed { files: vec![input.to_path_buf()], other_formats: 0 });
+    }
+    list_photographs(input)
 }
 
 fn source(input: &Path, files: &[PathBuf]) -> Result<Source> {
@@ -250,6 +269,9 @@ struct Candidate {
     verdict: Verdict,
 }
 
+/// How often photographs whose poses contradict the others' are left out: without them, more may stand out.
+const LEAVE_OUT: usize = 3;
+
 /// The first result without doubts, or else the best.
 fn best_of(
     engines: &[Box<dyn Engine>],
@@ -277,7 +299,15 @@ fn best_of(
                 let mut solution = solution.without_nonsense(task.photographs);
                 let levelling = level(&mut solution);
                 on_step(Step::Check);
-                let verdict = judge(&solution, &task, folder)?;
+                let mut verdict = judge(&solution, &task, folder)?;
+                for _ in 0..LEAVE_OUT {
+                    let misfits = verdict.misfits(task.photographs);
+                    if misfits.is_empty() || verdict.registered - misfits.len() < MINIMUM {
+                        break;
+                    }
+                    solution.leave_out(&misfits, "its pose contradicts its matches with the others");
+                    verdict = judge(&solution, &task, folder)?;
+                }
                 attempt.verdict = Some(verdict.clone());
                 let candidate = Candidate { engine: engine.name(), solution, levelling, verdict };
                 if best.as_ref().is_none_or(|best| candidate.verdict.is_better_than(&best.verdict)) {

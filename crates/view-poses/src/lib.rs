@@ -16,6 +16,7 @@ mod program;
 
 mod level;
 mod pinhole;
+mod turned;
 mod verdict;
 
 mod estimate;
@@ -29,6 +30,8 @@ pub use estimate::{
 pub use level::{Levelling, Up};
 #[cfg(feature = "openmvg")]
 pub use openmvg::OpenMvg;
-pub use photographs::{CameraGroup, MOST, Photograph, Photographs, list_photographs, prepare_photographs};
+pub use photographs::{
+    CameraGroup, Listed, MOST, Photograph, Photographs, list_photographs, prepare_photographs,
+};
 pub use verdict::{Doubt, Verdict};
 pub use video::{Cut, is_video};

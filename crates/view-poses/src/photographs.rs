@@ -81,11 +81,20 @@ const COLOURS: u32 = 160;
 /// What photographers call visually lossless.
 const JPEG_QUALITY: u8 = 95;
 
-/// PNG and JPEG files of a folder, or of its folder `images`, by name; and how many pictures of other formats are there.
+/// Pictures of a folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Listed {
+    /// PNG and JPEG files, by name.
+    pub files: Vec<PathBuf>,
+    /// How many pictures in formats that are not read lie beside them.
+    pub other_formats: usize,
+}
+
+/// The pictures of a folder, or of its folder `images`.
 ///
 /// # Errors
 /// If the folder cannot be listed, or has none.
-pub fn list_photographs(folder: &Path) -> Result<Vec<PathBuf>> {
+pub fn list_photographs(folder: &Path) -> Result<Listed> {
     let mut other = 0;
     for folder in [folder.to_path_buf(), folder.join("images")] {
         let entries = match std::fs::read_dir(&folder) {
@@ -110,7 +119,7 @@ pub fn list_photographs(folder: &Path) -> Result<Vec<PathBuf>> {
         }
         if !files.is_empty() {
             files.sort();
-            return Ok(files);
+            return Ok(Listed { files, other_formats: other });
         }
     }
     Err(Error::NoPhotographs { path: folder.to_path_buf(), other })

@@ -1,7 +1,8 @@
 //! Whether a result can be right. Engines do not notice that they are lost.
 
-use crate::Result;
 use crate::engine::{Solution, Task};
+use crate::turned::turned;
+use crate::{Photograph, Result};
 use check_data::{CheckSettings, check_data};
 use glam::DVec3;
 use serde::Serialize;
@@ -81,6 +82,17 @@ pub enum Doubt {
         /// Pixels.
         found: f64,
     },
+    /// Matches contradict the poses of some photographs, while most fit.
+    #[error(
+        "matches contradict the poses of {}: other photographs of another camera or zoom, or of something that moved; leave them out",
+        named(photographs, pairs)
+    )]
+    Misfits {
+        /// Photographs that do not fit the others.
+        photographs: Vec<String>,
+        /// Pairs that do not fit each other, of which it is not known which is wrong.
+        pairs: Vec<[String; 2]>,
+    },
     /// Nothing could be compared.
     #[error("too few matches were found to check the poses")]
     Unchecked,
@@ -92,6 +104,24 @@ pub enum Doubt {
         /// Degrees.
         degrees: f64,
     },
+    /// A camera that stays where it is explains the photographs as well.
+    #[error(
+        "the camera turned and hardly moved: without any movement 90 % of the matches are explained to {found:.1} px at 480 px, expected more than {TURNED}; depth needs photographs from different places"
+    )]
+    Turned {
+        /// Pixels.
+        found: f64,
+    },
+}
+
+/// Names of photographs, and of pairs.
+fn named(photographs: &[String], pairs: &[[String; 2]]) -> String {
+    const SHOWN: usize = 4;
+    let pairs = pairs.iter().map(|[a, b]| format!("{a} or {b}"));
+    let all: Vec<String> = photographs.iter().cloned().chain(pairs).collect();
+    let more = all.len().saturating_sub(SHOWN);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    format!("{}{more}", all[..all.len().min(SHOWN)].join(", "))
 }
 
 /// Share of the photographs that has to have a pose.
@@ -108,8 +138,10 @@ const EPIPOLAR: f64 = 2.0;
 const HOPELESS: f64 = 8.0;
 /// Measurement noise of a pixel is 0.1 to 0.2 degrees.
 const PARALLAX: f64 = 0.7;
+/// Cameras that turned in one place gave 1.2 to 2.5 px, sets of photographs from different places 15 px and more. Pixels at 480 px.
+pub(crate) const TURNED: f64 = 3.0;
 /// Pairs of photographs that are matched for the check.
-const PAIRS: usize = 40;
+const PAIRS: usize = 120;
 /// Long side to which distances are scaled, pixels.
 const LONG_SIDE: f64 = 480.0;
 
@@ -118,7 +150,7 @@ impl Doubt {
     #[must_use]
     pub fn is_fatal(&self) -> bool {
         match self {
-            Self::None { .. } | Self::Parallax { .. } => true,
+            Self::None { .. } | Self::Parallax { .. } | Self::Turned { .. } => true,
             Self::Epipolar { found } => *found > HOPELESS,
             _ => false,
         }
@@ -130,6 +162,22 @@ impl Verdict {
     #[must_use]
     pub fn is_fatal(&self) -> bool {
         self.doubts.iter().any(Doubt::is_fatal)
+    }
+
+    /// Positions of the photographs whose poses the matches contradict.
+    pub(crate) fn misfits(&self, photographs: &[Photograph]) -> Vec<usize> {
+        let names = self.doubts.iter().filter_map(|doubt| match doubt {
+            Doubt::Misfits { photographs, .. } => Some(photographs),
+            _ => None,
+        });
+        let names: Vec<&String> = names.flatten().collect();
+        let stem = |photograph: &Photograph| {
+            Path::new(&photograph.name).file_stem().map(|stem| stem.to_string_lossy().into_owned())
+        };
+        let is_misfit = |photograph: &Photograph| {
+            names.iter().any(|name| **name == photograph.name || Some(*name) == stem(photograph).as_ref())
+        };
+        (0..photographs.len()).filter(|&at| is_misfit(&photographs[at])).collect()
     }
 
     /// Whether this result is to be preferred: one that serves, then fewer doubts, more photographs, smaller distances.
@@ -187,6 +235,10 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
     }
     if let Some(degrees) = verdict.parallax.filter(|degrees| *degrees < PARALLAX) {
         verdict.doubts.push(Doubt::Parallax { degrees });
+    } else if let Some(found) = turned(solution, task.photographs).map(|px| px * LONG_SIDE)
+        && found < TURNED
+    {
+        verdict.doubts.push(Doubt::Turned { found });
     }
 
     write_data_set(solution, task, folder)?;
@@ -199,6 +251,10 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
         Some(found) if found > EPIPOLAR => verdict.doubts.push(Doubt::Epipolar { found }),
         Some(_) => {}
         None => verdict.doubts.push(Doubt::Unchecked),
+    }
+    let check_data::PoseSummary { misfits, unsure, .. } = report.poses;
+    if !(misfits.is_empty() && unsure.is_empty()) {
+        verdict.doubts.push(Doubt::Misfits { photographs: misfits, pairs: unsure });
     }
     Ok(verdict)
 }

@@ -30,12 +30,15 @@ impl Default for Cut {
     }
 }
 
-/// Whether a file is a video, by its extension.
+/// Extensions of videos.
+pub(crate) const VIDEOS: [&str; 10] =
+    ["mp4", "mov", "avi", "mkv", "webm", "m4v", "mpg", "mpeg", "3gp", "mts"];
+
+/// Whether a path is that of a video, by its extension.
 #[must_use]
 pub fn is_video(path: &Path) -> bool {
-    const VIDEOS: [&str; 10] = ["mp4", "mov", "avi", "mkv", "webm", "m4v", "mpg", "mpeg", "3gp", "mts"];
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    VIDEOS.contains(&&*extension) && path.is_file()
+    VIDEOS.contains(&&*extension) && !path.is_dir()
 }
 
 /// Writes the sharpest frame of each of `cut.frames` stretches of a video into a folder, as JPEG named by their number in the cut. Every frame
@@ -85,7 +88,7 @@ pub(crate) fn frames(
     }
     let status = reader.wait().map_err(file("run", Path::new(PROGRAM)))?;
     if details.is_empty() {
-        return Err(Error::NoFrames { path: video.to_path_buf(), said: said() });
+        return Err(Error::NoFrames { path: video.to_path_buf(), said: why_no_frames(&said(), cut) });
     }
     read?;
     if !status.success() {
@@ -123,6 +126,23 @@ pub(crate) fn frames(
         named.push(to);
     }
     Ok(named)
+}
+
+/// Why a video has no frames, by what ffmpeg says.
+fn why_no_frames(said: &str, cut: Cut) -> String {
+    if said.contains("matches no streams") {
+        return "it has no video stream".to_owned();
+    }
+    if ["moov atom not found", "Invalid data found", "EBML header parsing failed"]
+        .iter()
+        .any(|text| said.contains(text))
+    {
+        return "the file is cut short, damaged, or no video".to_owned();
+    }
+    match cut.from {
+        Some(from) if said.is_empty() => format!("it may be shorter than the {from} s at which to begin"),
+        _ => said.to_owned(),
+    }
 }
 
 fn command(video: &Path, cut: Cut, filter: &str) -> Command {
@@ -194,6 +214,16 @@ mod tests {
         assert_eq!(sharpest(&[1.0, 5.0, 2.0, 2.0, 9.0, 9.0, 0.0], 3), [1, 2, 4]);
         assert_eq!(sharpest(&[1.0, f64::NAN], 5), [0, 1]);
         assert!(sharpest(&[], 5).is_empty());
+    }
+
+    #[test]
+    fn what_ffmpeg_says_is_translated() {
+        let cut = Cut::default();
+        assert_eq!(why_no_frames("Stream map '0:v:0' matches no streams.", cut), "it has no video stream");
+        assert!(why_no_frames("[mov @ 0x5] moov atom not found", cut).contains("cut short"));
+        let late = Cut { from: Some(100.0), ..cut };
+        assert_eq!(why_no_frames("", late), "it may be shorter than the 100 s at which to begin");
+        assert_eq!(why_no_frames("something else", late), "something else");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use view_poses::{Error, Photographs, list_photographs, prepare_photographs};
 
 fn prepare(set: &Set, keep_all: bool) -> view_poses::Result<Photographs> {
     let input = set.photographs();
-    let files = list_photographs(&input)?;
+    let files = list_photographs(&input)?.files;
     prepare_photographs(&input, &files, &set.beside("images"), keep_all, &|_, _| ())
 }
 
