@@ -6,7 +6,7 @@ use crate::error::MINIMUM;
 use crate::level::{Levelling, level};
 use crate::photographs::{Listed, MOST, chain, list_photographs, prepare_photographs};
 use crate::pinhole::undistort;
-use crate::verdict::{Verdict, judge, write_data_set};
+use crate::verdict::{Doubt, Verdict, judge, write_data_set};
 use crate::video::{Cut, frames, is_video};
 use crate::{CameraGroup, Error, Photographs, Result};
 use serde::{Deserialize, Serialize};
@@ -165,7 +165,7 @@ pub fn estimate_poses(
         work: &work,
     };
     let (mut best, attempts) = best_of(&engines, &task, staging.folder(), on_step)?;
-    let advice = (!best.verdict.doubts.is_empty()).then(|| advice(&attempts));
+    let advice = (!best.verdict.doubts.is_empty()).then(|| advice(&attempts, &best.verdict.doubts));
     if best.verdict.is_fatal() {
         let doubts = best.verdict.doubts.iter().map(ToString::to_string).collect();
         return Err(Error::Lost {
@@ -334,9 +334,12 @@ fn best_of(
 }
 
 /// What to do about doubts.
-fn advice(attempts: &[Attempt]) -> String {
+fn advice(attempts: &[Attempt], doubts: &[Doubt]) -> String {
     let asked = |name| attempts.iter().any(|attempt| attempt.engine == name);
-    let more = "take more photographs, from places nearer to each other";
+    if doubts.iter().any(|doubt| matches!(doubt, Doubt::Turned { .. } | Doubt::Parallax { .. })) {
+        return "take a step between photographs, do not only turn".to_owned();
+    }
+    let more = "leave out what shows another scene or comes from another camera, take more photographs, from places nearer to each other";
     match (asked("openmvg"), asked("colmap")) {
         (true, false) if !Colmap::is_there() => {
             format!("{more}, or install COLMAP, which fails on other photographs ({INSTALL}), and run again")

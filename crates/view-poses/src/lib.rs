@@ -14,6 +14,7 @@ mod colmap;
 mod openmvg;
 mod program;
 
+mod focal;
 mod level;
 mod pinhole;
 mod turned;
