@@ -327,7 +327,12 @@ fn best_of(
         }
     }
     match (best, failure) {
-        (Some(best), _) => Ok((best, attempts)),
+        (Some(mut best), _) => {
+            let others = attempts.iter().filter(|attempt| attempt.engine != best.engine);
+            best.verdict
+                .dispute(others.filter_map(|attempt| Some((attempt.engine, attempt.verdict.as_ref()?))));
+            Ok((best, attempts))
+        }
         (None, Some(failure)) => Err(failure),
         (None, None) => Err(Error::NotBuilt),
     }

@@ -73,6 +73,18 @@ pub enum Doubt {
         /// Standard deviation over the focal length, in first order; the error may be several times as large.
         deviation: f64,
     },
+    /// Two engines that posed most photographs find different ones.
+    #[error(
+        "a focal length of {found:.2} long sides of the picture where {engine} finds {other:.2}: the photographs do not tell it; use photographs with EXIF data"
+    )]
+    FocalDisputed {
+        /// Long sides.
+        found: f64,
+        /// Long sides.
+        other: f64,
+        /// The other engine.
+        engine: &'static str,
+    },
     /// EXIF data say otherwise.
     #[error("a focal length of {found:.2} long sides of the picture where EXIF data say {expected:.2}")]
     Exif {
@@ -143,6 +155,8 @@ const SHARE: f64 = 0.8;
 const FOCAL: [f64; 2] = [0.4, 3.0];
 /// Share by which a focal length may differ from the one by EXIF data, which is rounded, and taken at infinity.
 const EXIF: f64 = 0.2;
+/// Factor between the focal lengths of two engines from which on neither is trusted.
+const DISPUTED: f64 = 1.1;
 /// Sets of photographs have 0.0003 to 0.0025, six of them up to 0.017, and a walk past houses whose focal length came out 58 % too long 0.028.
 pub(crate) const UNCERTAIN: f64 = 0.02;
 /// Good results have 0.1 to 0.5 px, lost ones 0.6 and more.
@@ -177,6 +191,23 @@ impl Verdict {
     #[must_use]
     pub fn is_fatal(&self) -> bool {
         self.doubts.iter().any(Doubt::is_fatal)
+    }
+
+    /// Compares with what other engines found, if they posed photographs enough.
+    pub(crate) fn dispute<'a>(&mut self, others: impl Iterator<Item = (&'static str, &'a Self)>) {
+        for (engine, verdict) in others {
+            let poses_most = verdict.registered as f64 >= SHARE * verdict.photographs as f64;
+            if !poses_most || verdict.is_fatal() {
+                continue;
+            }
+            let pairs = self.focal_lengths.iter().zip(&verdict.focal_lengths);
+            let apart = pairs
+                .map(|(&found, &other)| (found, other))
+                .find(|(found, other)| (found / other).ln().abs() > DISPUTED.ln());
+            if let Some((found, other)) = apart {
+                self.doubts.push(Doubt::FocalDisputed { found, other, engine });
+            }
+        }
     }
 
     /// Positions of the photographs whose poses the matches contradict.
@@ -321,4 +352,47 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn verdict(registered: usize, focal: f64) -> Verdict {
+        Verdict {
+            photographs: 10,
+            registered,
+            points: 100,
+            focal_lengths: vec![focal],
+            focal_deviations: vec![None],
+            reprojection: None,
+            epipolar: None,
+            parallax: None,
+            doubts: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn focal_lengths_of_two_engines_are_compared_where_both_posed_most() {
+        let doubts = |other: &Verdict| {
+            let mut own = verdict(10, 0.8);
+            own.dispute([("other", other)].into_iter());
+            own.doubts.len()
+        };
+        assert_eq!(doubts(&verdict(10, 0.85)), 0);
+        assert_eq!(doubts(&verdict(10, 1.2)), 1);
+        assert_eq!(doubts(&verdict(9, 0.6)), 1);
+        assert_eq!(doubts(&verdict(7, 1.2)), 0);
+        let mut lost = verdict(10, 1.2);
+        lost.doubts.push(Doubt::Turned { found: 1.0 });
+        assert_eq!(doubts(&lost), 0);
+    }
+
+    #[test]
+    fn what_contradicts_the_poses_is_named_with_a_limit() {
+        let pair = ["a", "b"].map(str::to_owned);
+        let doubt = Doubt::Misfits { photographs: vec!["x".to_owned()], pairs: vec![pair; 6] };
+        let text = doubt.to_string();
+        assert!(text.contains("the poses of x, a or b, a or b, a or b and 3 more:"), "{text}");
+    }
 }
