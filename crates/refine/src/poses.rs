@@ -245,8 +245,21 @@ mod tests {
             let mut poses = Poses::new(&wall(4, 1.0), &views, rate);
             poses.update(&[(1, given[1], gradient(value))], 1.0);
             assert!(poses.moved(1, &given[1]).position().distance(given[1].position()) < 1e-12);
+            assert_eq!(poses.moved(1, &given[1]).intrinsics(), given[1].intrinsics());
             assert_eq!(poses.all().len(), if rate > 0.0 { 2 } else { 0 });
         }
+        // A derivative by the focal length alone that is not finite; one that is, taken very often: of one lens, and only so far.
+        let other = Intrinsics { fx: 50.0, ..*given[1].intrinsics() };
+        let other = Camera::new(other, given[1].rotation(), given[1].translation()).unwrap();
+        let views = [views[0].clone(), View::new("other", views[1].image().clone(), other, None).unwrap()];
+        let mut poses = Poses::new(&wall(4, 1.0), &views, 0.1);
+        let by_focal = |focal| CameraGradient { rotation: DMat3::ZERO, translation: DVec3::ZERO, focal };
+        poses.update(&[(0, given[0], by_focal(f64::NAN))], 1.0);
+        assert_eq!(poses.all()[0].focal, 1.0);
+        for _ in 0..1000 {
+            poses.update(&[(0, given[0], by_focal(-1.0))], 1.0);
+        }
+        assert_eq!([0, 1].map(|view| poses.all()[view].focal), [LARGEST_FACTOR, 1.0]);
         // Nothing to see: still a unit.
         assert_eq!(median_depth(&Gaussians::empty(0).unwrap(), &given[0]), 1.0);
     }

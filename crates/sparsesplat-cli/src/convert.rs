@@ -47,7 +47,7 @@ pub(crate) struct Arguments {
     /// Turn the scene by 180 degrees about an axis through the origin, without rounding
     #[arg(long, value_name = "AXIS")]
     half_turn: Option<Axis>,
-    /// Back to the world that the poses were estimated in: FILE is the poses.json of the data set that `poses` wrote, or its folder
+    /// Take the scene back to the world of the engine that estimated the poses; FILE is the poses.json that `poses` wrote, or its folder
     #[arg(long, value_name = "FILE", conflicts_with = "half_turn")]
     undo_levelling: Option<PathBuf>,
 }

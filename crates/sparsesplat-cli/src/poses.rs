@@ -195,9 +195,9 @@ fn estimated(input: &Path, folder: &Path, settings: &Settings, progress: &Progre
         progress.warn(&format!("what helps: {advice}"));
     }
     if estimate.other_formats > 0 {
-        let count = estimate.other_formats;
         progress.warn(&format!(
-            "not used: {count} pictures in other formats (HEIC, TIFF, WebP, raw); convert them to JPEG or PNG"
+            "not used: pictures in other formats (HEIC, TIFF, WebP, raw ...): {}; convert them to JPEG or PNG",
+            estimate.other_formats
         ));
     }
     const SHOWN: usize = 5;
@@ -236,7 +236,8 @@ fn poses_line(estimate: &Estimate, seconds: f64) -> String {
 
 fn details(estimate: &Estimate) -> Vec<String> {
     let verdict = &estimate.verdict;
-    let focal: Vec<String> = verdict.focal_lengths.iter().map(|focal| format!("{focal:.3}")).collect();
+    let focal: Vec<String> =
+        verdict.focal_lengths.iter().flatten().map(|focal| format!("{focal:.3}")).collect();
     let pixels = |value: Option<f64>| value.map_or("unknown".to_owned(), |value| format!("{value:.2} px"));
     let mut lines = vec![
         format!("focal      {} long sides of the picture", focal.join(", ")),

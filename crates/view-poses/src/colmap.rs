@@ -90,6 +90,11 @@ impl Engine for Colmap {
         }
     }
 
+    fn is_there(&self, work: &Path) -> Result<bool> {
+        Ok((self.program != Path::new(PROGRAM) || Self::is_there())
+            && self.has(self.mapper.command(), work)?)
+    }
+
     fn estimate(&self, task: &Task<'_>, on_step: &(dyn Fn(Step) + Sync)) -> Result<Solution> {
         if self.program == Path::new(PROGRAM) && !Self::is_there() {
             return Err(Error::NoProgram {
@@ -309,7 +314,8 @@ impl Call<'_> {
     }
 }
 
-#[cfg(all(test, unix))]
+#[cfg(unix)]
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::CameraGroup;

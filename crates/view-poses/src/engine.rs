@@ -11,6 +11,15 @@ pub trait Engine {
     /// Its name.
     fn name(&self) -> &'static str;
 
+    /// Whether it can be asked. An engine that is not there says why when it is asked all the same.
+    ///
+    /// # Errors
+    /// If that cannot be found out.
+    fn is_there(&self, work: &Path) -> Result<bool> {
+        let _ = work;
+        Ok(true)
+    }
+
     /// Estimates poses, lenses and points, in any world and scale.
     ///
     /// # Errors

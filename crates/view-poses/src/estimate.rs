@@ -283,39 +283,36 @@ fn best_of(
     let mut best: Option<Candidate> = None;
     let mut failure = None;
     for engine in engines {
-        if !attempts.is_empty() {
-            on_step(Step::Again(engine.name()));
-        }
         let work = task.work.join(engine.name());
         std::fs::create_dir_all(&work).map_err(|source| Error::File {
             action: "make the folder",
             path: work.clone(),
             source,
         })?;
+        // Of several, one that is not there is none.
+        if engines.len() > 1 && !engine.is_there(&work)? {
+            continue;
+        }
+        if !attempts.is_empty() {
+            on_step(Step::Again(engine.name()));
+        }
         let task = Task { work: &work, ..*task };
         let mut attempt = Attempt { engine: engine.name(), verdict: None, failed: None };
         match engine.estimate(&task, on_step) {
             Ok(solution) => {
-                let mut solution = solution.without_nonsense(task.photographs);
-                let levelling = level(&mut solution);
+                let solution = solution.without_nonsense(task.photographs);
                 on_step(Step::Check);
-                let mut verdict = judge(&solution, &task, folder)?;
-                for _ in 0..LEAVE_OUT {
-                    let misfits = verdict.misfits(task.photographs);
-                    if misfits.is_empty() || verdict.registered - misfits.len() < MINIMUM {
-                        break;
+                let mut candidate = judged(engine.name(), solution, &task, folder)?;
+                for Attempt { engine, verdict, .. } in &attempts {
+                    if let Some(verdict) = verdict {
+                        candidate.verdict.dispute(engine, verdict, task.cameras);
                     }
-                    solution.leave_out(&misfits, "its pose contradicts its matches with the others");
-                    verdict = judge(&solution, &task, folder)?;
                 }
-                attempt.verdict = Some(verdict.clone());
-                let candidate = Candidate { engine: engine.name(), solution, levelling, verdict };
+                attempt.verdict = Some(candidate.verdict.clone());
                 if best.as_ref().is_none_or(|best| candidate.verdict.is_better_than(&best.verdict)) {
                     best = Some(candidate);
                 }
             }
-            // Of several engines, one that this version of COLMAP lacks is none.
-            Err(Error::NoCommand { .. }) if engines.len() > 1 => continue,
             Err(error) => {
                 attempt.failed = Some(chain(&error));
                 failure.get_or_insert(error);
@@ -327,23 +324,38 @@ fn best_of(
         }
     }
     match (best, failure) {
-        (Some(mut best), _) => {
-            let others = attempts.iter().filter(|attempt| attempt.engine != best.engine);
-            best.verdict
-                .dispute(others.filter_map(|attempt| Some((attempt.engine, attempt.verdict.as_ref()?))));
-            Ok((best, attempts))
-        }
+        (Some(best), _) => Ok((best, attempts)),
         (None, Some(failure)) => Err(failure),
         (None, None) => Err(Error::NotBuilt),
     }
 }
 
+/// A solution without the photographs that contradict the others, levelled, and what is to be said of it.
+fn judged(engine: &'static str, mut solution: Solution, task: &Task<'_>, folder: &Path) -> Result<Candidate> {
+    let mut verdict = judge(&solution, task, folder)?;
+    for _ in 0..LEAVE_OUT {
+        let misfits = verdict.misfits(task, &solution);
+        if misfits.is_empty() || verdict.registered < misfits.len() + MINIMUM {
+            break;
+        }
+        solution.leave_out(&misfits, "its pose contradicts its matches with the others");
+        verdict = judge(&solution, task, folder)?;
+    }
+    let levelling = level(&mut solution);
+    Ok(Candidate { engine, solution, levelling, verdict })
+}
+
 /// What to do about doubts.
 fn advice(attempts: &[Attempt], doubts: &[Doubt]) -> String {
-    let asked = |name| attempts.iter().any(|attempt| attempt.engine == name);
-    if doubts.iter().any(|doubt| matches!(doubt, Doubt::Turned { .. } | Doubt::Parallax { .. })) {
+    let turned = |doubt: &Doubt| matches!(doubt, Doubt::Turned { .. } | Doubt::Parallax { .. });
+    if doubts.iter().any(turned) {
         return "take a step between photographs, do not only turn".to_owned();
     }
+    let focal = |doubt: &Doubt| matches!(doubt, Doubt::FocalUncertain { .. } | Doubt::FocalDisputed { .. });
+    if doubts.iter().all(focal) {
+        return "turn the camera between photographs, or use photographs with EXIF data".to_owned();
+    }
+    let asked = |name| attempts.iter().any(|attempt| attempt.engine.starts_with(name));
     let more = "leave out what shows another scene or comes from another camera, take more photographs, from places nearer to each other";
     match (asked("openmvg"), asked("colmap")) {
         (true, false) if !Colmap::is_there() => {

@@ -7,14 +7,14 @@ use crate::Photograph;
 use crate::engine::Solution;
 use glam::{DMat3, DVec2, DVec3};
 
-/// Photographs that are looked at, evenly chosen.
-const PHOTOGRAPHS: usize = 60;
 /// Columns of a pose: a turn about the camera's axes, a shift along them.
 const POSE: usize = 6;
 /// Columns of a lens: the logarithm of the focal length, k1.
 const LENS: usize = 2;
 /// Added to the diagonal, as a share of it: the world can be turned, moved and scaled without a change in any picture.
 const DAMPING: f64 = 1e-9;
+/// A point whose rays are so nearly parallel says nothing: its smallest eigenvalue over the mean of the three.
+const PARALLEL: f64 = 1e-8;
 /// Change of a direction by which a lens is differentiated.
 const STEP: f64 = 1e-6;
 
@@ -26,14 +26,14 @@ struct Observed {
     by_point: [DVec2; 3],
 }
 
-/// Standard deviation of the logarithm of the focal length of each camera, in its first order: that of an observation is the median distance of
-/// the observations from where their points are drawn. None for cameras without posed photographs, and where there are no observations.
+/// Standard deviation of the logarithm of the focal length of each camera, in first order: that of an observation is the median distance of
+/// the observations from where their points are drawn. None for cameras without posed photographs; infinite where nothing tells it.
 pub(crate) fn uncertainties(solution: &Solution, photographs: &[Photograph]) -> Vec<Option<f64>> {
     let posed: Vec<usize> = (0..photographs.len()).filter(|&at| solution.poses[at].is_some()).collect();
-    let count = posed.len().min(PHOTOGRAPHS);
+    let count = posed.len();
     let mut column_of = vec![None; photographs.len()];
-    for column in 0..count {
-        column_of[posed[column * posed.len() / count]] = Some(column);
+    for (column, &at) in posed.iter().enumerate() {
+        column_of[at] = Some(column);
     }
     let columns = count * POSE + solution.lenses.len() * LENS;
     let mut matrix = vec![0.0; columns * columns];
@@ -52,24 +52,23 @@ pub(crate) fn uncertainties(solution: &Solution, photographs: &[Photograph]) -> 
         }
     }
     distances.sort_by(f64::total_cmp);
-    let Some(&noise) = distances.get(distances.len() / 2) else { return vec![None; solution.lenses.len()] };
-    // All of them saw more than those that were looked at.
-    let noise = noise * (count as f64 / posed.len() as f64).sqrt();
+    let noise = distances.get(distances.len() / 2).copied().unwrap_or(f64::INFINITY);
+    // What nothing was said of stands alone.
+    let mut is_told = vec![true; columns];
     for i in 0..columns {
-        matrix[i * columns + i] *= 1.0 + DAMPING;
+        let diagonal = &mut matrix[i * columns + i];
+        is_told[i] = *diagonal > 0.0;
+        *diagonal = if is_told[i] { *diagonal * (1.0 + DAMPING) } else { 1.0 };
     }
-    let is_used =
-        |lens: usize| posed.iter().any(|&at| column_of[at].is_some() && photographs[at].camera == lens);
-    // A lens that nobody used has empty columns.
-    for lens in (0..solution.lenses.len()).filter(|&lens| !is_used(lens)) {
-        for column in 0..LENS {
-            let i = count * POSE + lens * LENS + column;
-            matrix[i * columns + i] = 1.0;
+    let factor = cholesky(matrix, columns);
+    let deviation = |lens: usize| {
+        let column = count * POSE + lens * LENS;
+        match &factor {
+            Some(factor) if is_told[column] => noise * inverse_diagonal(factor, columns, column).sqrt(),
+            _ => f64::INFINITY,
         }
-    }
-    let Some(factor) = cholesky(matrix, columns) else { return vec![None; solution.lenses.len()] };
-    let deviation =
-        |lens: usize| noise * inverse_diagonal(&factor, columns, count * POSE + lens * LENS).sqrt();
+    };
+    let is_used = |lens: usize| posed.iter().any(|&at| photographs[at].camera == lens);
     (0..solution.lenses.len()).map(|lens| is_used(lens).then(|| deviation(lens))).collect()
 }
 
@@ -121,11 +120,13 @@ fn add_point(matrix: &mut [f64], columns: usize, photographs: usize, observed: &
         let column = |by: DVec2| DVec3::new(x.dot(by), y.dot(by), z.dot(by));
         of_point += DMat3::from_cols(column(*x), column(*y), column(*z));
     }
-    let trace = of_point.x_axis.x + of_point.y_axis.y + of_point.z_axis.z;
-    let inverse = (of_point + DMat3::from_diagonal(DVec3::splat(1e-12 * trace))).inverse();
-    if !inverse.is_finite() {
+    let mean = (of_point.x_axis.x + of_point.y_axis.y + of_point.z_axis.z) / 3.0;
+    // The determinant is the product of the eigenvalues, of which two are about the mean or above.
+    let determinant = of_point.determinant();
+    if determinant.is_nan() || determinant <= PARALLEL * mean.powi(3) {
         return;
     }
+    let inverse = of_point.inverse();
     // Which columns, and their product with the point.
     let mut mixed: Vec<(usize, DVec3)> = Vec::with_capacity(observed.len() * (POSE + LENS));
     for Observed { photograph, lens, by_columns, by_point: [x, y, z] } in observed {
@@ -246,7 +247,7 @@ mod tests {
         assert!((1e-5..5e-3).contains(&turning), "{turning}");
         let (mut empty, photographs) = walk(0.5);
         empty.points.clear();
-        assert_eq!(uncertainties(&empty, &photographs), [None]);
+        assert_eq!(uncertainties(&empty, &photographs), [Some(f64::INFINITY)]);
         empty.poses.fill(None);
         assert_eq!(uncertainties(&empty, &photographs), [None]);
     }
@@ -258,5 +259,13 @@ mod tests {
         solution.lenses.push(solution.lenses[0]);
         let both = uncertainties(&solution, &photographs);
         assert!((both[0].unwrap() - alone).abs() < 1e-9 * alone && both[1].is_none(), "{both:?} {alone}");
+        // Photographs without a match, of a lens of their own: it is not known, and the other as before.
+        let mut photographs = photographs;
+        photographs.push(Photograph { camera: 1, ..photographs[0].clone() });
+        solution.poses.push(solution.poses[0]);
+        solution.reasons.push(None);
+        let both = uncertainties(&solution, &photographs);
+        assert!((both[0].unwrap() - alone).abs() < 1e-6 * alone, "{both:?} {alone}");
+        assert_eq!(both[1], Some(f64::INFINITY));
     }
 }

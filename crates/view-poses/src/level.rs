@@ -28,7 +28,7 @@ pub enum Up {
     Horizon,
     /// The mean of the cameras' up.
     Cameras,
-    /// Not found: the cameras agree in nothing. The world is as the engine left it.
+    /// Not found: the cameras agree in nothing. The world is turned as the engine left it.
     Unknown,
 }
 
@@ -59,7 +59,7 @@ impl Levelling {
         let is_turn =
             (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-6) && turn.determinant() > 0.0;
         if !is_turn {
-            return Err(wrong(format!("rotation is {rotation:?}, expected one")));
+            return Err(wrong(format!("rotation is {rotation:?}, expected a rotation matrix")));
         }
         if !(scale > 0.0 && scale.is_finite() && origin.iter().all(|number| number.is_finite())) {
             return Err(wrong(format!(
@@ -226,7 +226,7 @@ mod tests {
         assert_eq!(write(levelling).unwrap(), levelling);
         let wrong = [
             Levelling { scale: 0.0, ..levelling },
-            Levelling { scale: f64::NAN, ..levelling },
+            Levelling { scale: -1.0, ..levelling },
             Levelling { rotation: [[1.0, 0.0, 0.0]; 3], ..levelling },
             Levelling { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]], ..levelling },
         ];

@@ -111,7 +111,8 @@ pub fn list_photographs(folder: &Path) -> Result<Listed> {
             match &*extension {
                 _ if hidden || !path.is_file() => {}
                 "jpg" | "jpeg" | "png" => files.push(path),
-                "heic" | "heif" | "tif" | "tiff" | "dng" | "webp" | "cr2" | "nef" | "arw" | "avif" => {
+                "heic" | "heif" | "tif" | "tiff" | "dng" | "webp" | "cr2" | "cr3" | "nef" | "arw" | "raf"
+                | "orf" | "rw2" | "avif" | "jxl" | "jp2" | "bmp" | "gif" => {
                     other += 1;
                 }
                 _ => {}

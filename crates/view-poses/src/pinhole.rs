@@ -21,6 +21,10 @@ pub(crate) fn undistort(solution: &mut Solution, task: &Task<'_>, folder: &Path)
         .par_iter()
         .enumerate()
         .map(|(frame, &at)| {
+            let lens = &solution.lenses[task.photographs[at].camera];
+            if lens.model.is_pinhole() {
+                return Ok(lens.intrinsics);
+            }
             let view = dataset.load_views(&[frame], None)?.swap_remove(0);
             let image = view.image();
             let (width, height) = (image.width() as u32, image.height() as u32);

@@ -3,7 +3,7 @@
 use crate::engine::{Solution, Task};
 use crate::focal::uncertainties;
 use crate::turned::turned;
-use crate::{Photograph, Result};
+use crate::{CameraGroup, Result};
 use check_data::{CheckSettings, check_data};
 use glam::DVec3;
 use serde::Serialize;
@@ -19,9 +19,9 @@ pub struct Verdict {
     pub registered: usize,
     /// Points.
     pub points: usize,
-    /// Focal length of each camera, long sides of the picture; only cameras with posed photographs.
-    pub focal_lengths: Vec<f64>,
-    /// Standard deviation of each, over the focal length.
+    /// Focal length of each camera, long sides of the picture; none of cameras without posed photographs.
+    pub focal_lengths: Vec<Option<f64>>,
+    /// Standard deviation of each, over the focal length; infinite where nothing tells it.
     pub focal_deviations: Vec<Option<f64>>,
     /// Median over the points of their mean reprojection error, pixels.
     pub reprojection: Option<f64>,
@@ -64,11 +64,7 @@ pub enum Doubt {
         found: f64,
     },
     /// The photographs hardly tell it, and there are no EXIF data.
-    #[error(
-        "the photographs tell the focal length to {:.1} % only, expected {} %: they have few matches, or the camera looks the \
-         same way all along; turn it between photographs, or use photographs with EXIF data",
-        100.0 * deviation, 100.0 * UNCERTAIN
-    )]
+    #[error("{}", uncertain(*deviation))]
     FocalUncertain {
         /// Standard deviation over the focal length, in first order; the error may be several times as large.
         deviation: f64,
@@ -139,6 +135,16 @@ pub enum Doubt {
     },
 }
 
+fn uncertain(deviation: f64) -> String {
+    if deviation.is_finite() {
+        let (found, most) = (100.0 * deviation, 100.0 * UNCERTAIN);
+        return format!(
+            "the focal length is uncertain by {found:.1} %, expected at most {most} %; matches are few, or the camera looks the same way all along"
+        );
+    }
+    "nothing tells the focal length".to_owned()
+}
+
 /// Names of photographs, and of pairs.
 fn named(photographs: &[String], pairs: &[[String; 2]]) -> String {
     const SHOWN: usize = 4;
@@ -158,7 +164,7 @@ const EXIF: f64 = 0.2;
 /// Factor between the focal lengths of two engines from which on neither is trusted.
 const DISPUTED: f64 = 1.1;
 /// Sets of photographs have 0.0003 to 0.0025, six of them up to 0.017, and a walk past houses whose focal length came out 58 % too long 0.028.
-pub(crate) const UNCERTAIN: f64 = 0.02;
+const UNCERTAIN: f64 = 0.02;
 /// Good results have 0.1 to 0.5 px, lost ones 0.6 and more.
 const REPROJECTION: f64 = 0.6;
 /// Good results have 0.5 to 1 px, lost ones 3 and more (measured on nine sets of photographs).
@@ -193,37 +199,35 @@ impl Verdict {
         self.doubts.iter().any(Doubt::is_fatal)
     }
 
-    /// Compares with what other engines found, if they posed photographs enough.
-    pub(crate) fn dispute<'a>(&mut self, others: impl Iterator<Item = (&'static str, &'a Self)>) {
-        for (engine, verdict) in others {
-            let poses_most = verdict.registered as f64 >= SHARE * verdict.photographs as f64;
-            if !poses_most || verdict.is_fatal() {
-                continue;
-            }
-            let pairs = self.focal_lengths.iter().zip(&verdict.focal_lengths);
-            let apart = pairs
-                .map(|(&found, &other)| (found, other))
-                .find(|(found, other)| (found / other).ln().abs() > DISPUTED.ln());
-            if let Some((found, other)) = apart {
-                self.doubts.push(Doubt::FocalDisputed { found, other, engine });
-            }
+    /// Compares focal lengths that EXIF data do not give with what another engine found, if its result is sound and both posed photographs enough.
+    pub(crate) fn dispute(&mut self, engine: &'static str, other: &Self, cameras: &[CameraGroup]) {
+        let poses_most = |verdict: &Self| verdict.registered as f64 >= SHARE * verdict.photographs as f64;
+        let is_unsound = |doubt: &Doubt| {
+            matches!(doubt, Doubt::Focal { .. } | Doubt::Reprojection { .. } | Doubt::Epipolar { .. })
+        };
+        if !poses_most(self) || !poses_most(other) || other.is_fatal() || other.doubts.iter().any(is_unsound)
+        {
+            return;
+        }
+        let pairs = self.focal_lengths.iter().zip(&other.focal_lengths).zip(cameras);
+        let pairs = pairs.filter(|(_, camera)| camera.focal_pixels.is_none());
+        let apart = pairs.filter_map(|((found, other), _)| Some(((*found)?, (*other)?)));
+        let far = |(found, other): &(f64, f64)| (found / other).ln().abs() > DISPUTED.ln();
+        if let Some((found, other)) = apart.into_iter().find(far) {
+            self.doubts.push(Doubt::FocalDisputed { found, other, engine });
         }
     }
 
-    /// Positions of the photographs whose poses the matches contradict.
-    pub(crate) fn misfits(&self, photographs: &[Photograph]) -> Vec<usize> {
+    /// Positions of the posed photographs whose poses the matches contradict.
+    pub(crate) fn misfits(&self, task: &Task<'_>, solution: &Solution) -> Vec<usize> {
         let names = self.doubts.iter().filter_map(|doubt| match doubt {
             Doubt::Misfits { photographs, .. } => Some(photographs),
             _ => None,
         });
         let names: Vec<&String> = names.flatten().collect();
-        let stem = |photograph: &Photograph| {
-            Path::new(&photograph.name).file_stem().map(|stem| stem.to_string_lossy().into_owned())
-        };
-        let is_misfit = |photograph: &Photograph| {
-            names.iter().any(|name| **name == photograph.name || Some(*name) == stem(photograph).as_ref())
-        };
-        (0..photographs.len()).filter(|&at| is_misfit(&photographs[at])).collect()
+        let is_misfit =
+            |&at: &usize| solution.poses[at].is_some() && names.contains(&&task.photographs[at].name);
+        (0..task.photographs.len()).filter(is_misfit).collect()
     }
 
     /// Whether this result is to be preferred: one that serves, then fewer doubts, more photographs, smaller distances.
@@ -243,7 +247,7 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
         photographs,
         registered,
         points: solution.points.len(),
-        focal_lengths: Vec::new(),
+        focal_lengths: vec![None; task.cameras.len()],
         focal_deviations: Vec::new(),
         reprojection: None,
         epipolar: None,
@@ -257,7 +261,7 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
     if (registered as f64) < SHARE * photographs as f64 {
         verdict.doubts.push(Doubt::Share { registered, photographs });
     }
-    let deviations = uncertainties(solution, task.photographs);
+    verdict.focal_deviations = uncertainties(solution, task.photographs);
     for (number, (lens, group)) in solution.lenses.iter().zip(task.cameras).enumerate() {
         let is_used = |at: usize| solution.poses[at].is_some() && task.photographs[at].camera == number;
         if !(0..photographs).any(is_used) {
@@ -265,20 +269,20 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
         }
         let long = group.width.max(group.height) as f64;
         let found = lens.intrinsics.fx / long;
-        verdict.focal_lengths.push(found);
-        verdict.focal_deviations.push(deviations[number]);
+        verdict.focal_lengths[number] = Some(found);
         if let Some(expected) = group.focal_pixels.map(|focal| focal / long)
             && (found / expected - 1.0).abs() > EXIF
         {
             verdict.doubts.push(Doubt::Exif { found, expected });
         } else if !(FOCAL[0]..=FOCAL[1]).contains(&found) {
             verdict.doubts.push(Doubt::Focal { found });
-        } else if let Some(deviation) = deviations[number]
-            && group.focal_pixels.is_none()
-            && deviation > UNCERTAIN
-        {
-            verdict.doubts.push(Doubt::FocalUncertain { deviation });
         }
+    }
+    let without_exif = task.cameras.iter().zip(&verdict.focal_deviations);
+    let without_exif = without_exif.filter(|(group, _)| group.focal_pixels.is_none());
+    let worst = without_exif.filter_map(|(_, deviation)| *deviation).max_by(f64::total_cmp);
+    if let Some(deviation) = worst.filter(|deviation| *deviation > UNCERTAIN) {
+        verdict.doubts.push(Doubt::FocalUncertain { deviation });
     }
     let sides = task.photographs.iter().map(|photograph| photograph.width.max(photograph.height));
     let to_480 = LONG_SIDE / sides.max().unwrap_or(1) as f64;
@@ -308,7 +312,15 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
     }
     let check_data::PoseSummary { misfits, unsure, .. } = report.poses;
     if !(misfits.is_empty() && unsure.is_empty()) {
-        verdict.doubts.push(Doubt::Misfits { photographs: misfits, pairs: unsure });
+        // Frames are named otherwise than their files.
+        let file = |name: &String| {
+            let frame = dataset.frames.iter().find(|frame| frame.name == *name);
+            let file = frame.and_then(|frame| frame.image.path().file_name());
+            file.map_or_else(|| name.clone(), |file| file.to_string_lossy().into_owned())
+        };
+        let photographs = misfits.iter().map(file).collect();
+        let pairs = unsure.iter().map(|pair| pair.each_ref().map(file)).collect();
+        verdict.doubts.push(Doubt::Misfits { photographs, pairs });
     }
     Ok(verdict)
 }
@@ -358,13 +370,13 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
 mod tests {
     use super::*;
 
-    fn verdict(registered: usize, focal: f64) -> Verdict {
+    fn verdict(registered: usize, focal: [Option<f64>; 2]) -> Verdict {
         Verdict {
             photographs: 10,
             registered,
             points: 100,
-            focal_lengths: vec![focal],
-            focal_deviations: vec![None],
+            focal_lengths: focal.to_vec(),
+            focal_deviations: vec![None; 2],
             reprojection: None,
             epipolar: None,
             parallax: None,
@@ -373,19 +385,35 @@ mod tests {
     }
 
     #[test]
-    fn focal_lengths_of_two_engines_are_compared_where_both_posed_most() {
-        let doubts = |other: &Verdict| {
-            let mut own = verdict(10, 0.8);
-            own.dispute([("other", other)].into_iter());
+    fn focal_lengths_of_two_engines_are_compared_camera_by_camera() {
+        let camera = |focal_pixels| CameraGroup {
+            width: 8,
+            height: 6,
+            name: None,
+            focal_mm: None,
+            focal_pixels,
+            photographs: 5,
+        };
+        let doubts = |own: [Option<f64>; 2], other: &Verdict, exif| {
+            let mut own = verdict(10, own);
+            own.dispute("other", other, &[camera(exif), camera(None)]);
             own.doubts.len()
         };
-        assert_eq!(doubts(&verdict(10, 0.85)), 0);
-        assert_eq!(doubts(&verdict(10, 1.2)), 1);
-        assert_eq!(doubts(&verdict(9, 0.6)), 1);
-        assert_eq!(doubts(&verdict(7, 1.2)), 0);
-        let mut lost = verdict(10, 1.2);
-        lost.doubts.push(Doubt::Turned { found: 1.0 });
-        assert_eq!(doubts(&lost), 0);
+        let own = [Some(0.8), None];
+        assert_eq!(doubts(own, &verdict(10, [Some(0.85), Some(2.0)]), None), 0);
+        assert_eq!(doubts(own, &verdict(10, [Some(1.2), None]), None), 1);
+        assert_eq!(doubts([None, Some(0.8)], &verdict(9, [Some(0.8), Some(0.6)]), None), 1);
+        // Known by EXIF data; too few photographs; a result that is not sound, or lost.
+        assert_eq!(doubts(own, &verdict(10, [Some(1.2), None]), Some(6.4)), 0);
+        assert_eq!(doubts(own, &verdict(7, [Some(1.2), None]), None), 0);
+        for doubt in [Doubt::Turned { found: 1.0 }, Doubt::Epipolar { found: 3.0 }] {
+            let mut unsound = verdict(10, [Some(1.2), None]);
+            unsound.doubts.push(doubt);
+            assert_eq!(doubts(own, &unsound, None), 0);
+        }
+        let mut uncertain = verdict(10, [Some(1.2), None]);
+        uncertain.doubts.push(Doubt::FocalUncertain { deviation: 0.03 });
+        assert_eq!(doubts(own, &uncertain, None), 1);
     }
 
     #[test]
@@ -394,5 +422,12 @@ mod tests {
         let doubt = Doubt::Misfits { photographs: vec!["x".to_owned()], pairs: vec![pair; 6] };
         let text = doubt.to_string();
         assert!(text.contains("the poses of x, a or b, a or b, a or b and 3 more:"), "{text}");
+        let uncertain = |deviation| Doubt::FocalUncertain { deviation }.to_string();
+        assert!(
+            uncertain(0.0278).contains("uncertain by 2.8 %, expected at most 2 %"),
+            "{}",
+            uncertain(0.0278)
+        );
+        assert!(uncertain(f64::INFINITY).contains("nothing tells the focal length"));
     }
 }

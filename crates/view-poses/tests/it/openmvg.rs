@@ -44,7 +44,7 @@ fn photographs_of_a_scene_get_their_poses_in_both_layouts() {
     assert_eq!(found.verdict.doubts, []);
     assert!(found.not_used.is_empty());
     let given = lens(WIDTH, HEIGHT, 62.0);
-    let focal = found.verdict.focal_lengths[0] * WIDTH as f64 / given.fx;
+    let focal = found.verdict.focal_lengths[0].unwrap() * WIDTH as f64 / given.fx;
     assert!((focal - 1.0).abs() < 0.05, "focal length off by {focal}");
     let [nerfstudio, colmap] = [Format::Nerfstudio, Format::Colmap].map(|format| {
         let dataset = open(&set.beside("scene"), Some(format)).unwrap();
