@@ -379,3 +379,91 @@ fn not_used(prepared: &Photographs, solution: &Solution) -> Vec<NotUsed> {
     all.sort_by(|a, b| a.photograph.cmp(&b.photograph));
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Photograph;
+    use crate::engine::Pose;
+    use glam::{DMat3, DVec3};
+    use gs_scene::{Camera, Distortion, Lens};
+    use image::RgbImage;
+    use scene_sim::{Traced, demo_scene, lens, render_view};
+
+    const SIZE: [usize; 2] = [240, 180];
+
+    /// A camera of the courtyard on a path that bends.
+    fn camera(i: usize) -> Camera {
+        let t = i as f64;
+        let angle = (-132.0 + 5.0 * t).to_radians();
+        let radius = 4.3 + 0.3 * (1.9 * t).sin();
+        let position =
+            DVec3::new(0.4 + radius * angle.cos(), 0.9 + radius * angle.sin(), 1.7 + 0.25 * (1.3 * t).sin());
+        Camera::looking_at(lens(SIZE[0], SIZE[1], 62.0), position, DVec3::new(0.4, 0.9, 0.95), DVec3::Z)
+            .unwrap()
+    }
+
+    #[test]
+    fn a_photograph_whose_pose_is_wrong_is_left_out_and_named_by_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let images = folder.path().join("images");
+        std::fs::create_dir(&images).unwrap();
+        let scene = Traced::new(&demo_scene()).unwrap();
+        // Two files of one stem: their frames are not named by it.
+        let name = |i: usize| if i == 4 { "view3.jpg".to_owned() } else { format!("view{i}.png") };
+        let mut photographs = Vec::new();
+        let mut poses = Vec::new();
+        for i in 0..7 {
+            let camera = camera(i);
+            let view = render_view(&scene, &camera, 2, "view", 0).unwrap();
+            let picture = RgbImage::from_raw(SIZE[0] as u32, SIZE[1] as u32, view.image().to_rgb8()).unwrap();
+            picture.save(images.join(name(i))).unwrap();
+            photographs.push(Photograph {
+                name: name(i),
+                width: SIZE[0],
+                height: SIZE[1],
+                camera: 0,
+                turned: false,
+                colours: RgbImage::new(1, 1),
+            });
+            // The fifth looks past what it shows.
+            let turn = if i == 4 { DMat3::from_rotation_z(0.06) } else { DMat3::IDENTITY };
+            poses
+                .push(Some(Pose { axes: turn * camera.rotation().transpose(), position: camera.position() }));
+        }
+        let intrinsics = lens(SIZE[0], SIZE[1], 62.0);
+        let solution = Solution {
+            lenses: vec![Lens { intrinsics, model: Distortion::default().into() }],
+            poses,
+            reasons: vec![None; 7],
+            points: Vec::new(),
+        };
+        let camera = CameraGroup {
+            width: SIZE[0],
+            height: SIZE[1],
+            name: None,
+            focal_mm: None,
+            focal_pixels: Some(intrinsics.fx),
+            photographs: 7,
+        };
+        let task = Task {
+            images: &images,
+            photographs: &photographs,
+            cameras: &[camera],
+            sequence: false,
+            seed: 0,
+            work: folder.path(),
+        };
+        let before = judge(&solution, &task, folder.path()).unwrap();
+        assert_eq!(before.misfits(&task, &solution), [4], "{:?}", before.doubts);
+        let Candidate { solution, verdict, .. } = judged("test", solution, &task, folder.path()).unwrap();
+        assert_eq!(verdict.registered, 6);
+        assert!(
+            !verdict.doubts.iter().any(|doubt| matches!(doubt, Doubt::Misfits { .. })),
+            "{:?}",
+            verdict.doubts
+        );
+        assert!(solution.poses[4].is_none() && solution.poses[3].is_some());
+        assert!(solution.reasons[4].as_ref().is_some_and(|reason| reason.contains("contradicts")));
+    }
+}
