@@ -1,6 +1,6 @@
 //! Compares every map between the network's stages with golden files of another implementation:
 //!
-//! `cargo run --release -p depth-backbone --features depthsplat --example check_golden -- FILE.safetensors ..`
+//! `cargo run --release -p depth-backbone --features depthsplat --example check_golden_depthsplat -- FILE.safetensors ..`
 //!
 //! With `--weights CHECKPOINT` before the files, the network of a checkpoint takes the place of the weights by rule.
 //!
@@ -65,7 +65,7 @@ fn main() -> ExitCode {
         paths => (None, paths),
     };
     if paths.is_empty() {
-        eprintln!("usage: check_golden [--weights CHECKPOINT] FILE.safetensors ..");
+        eprintln!("usage: check_golden_depthsplat [--weights CHECKPOINT] FILE.safetensors ..");
         return ExitCode::from(2);
     }
     let mut good = true;

@@ -1,5 +1,5 @@
 //! Checks files of picture pairs in the layout of `fixtures/image-metrics`:
-//! `cargo run -p image-metrics --example check_golden -- FILE…`. Exits with 1 outside tolerance.
+//! `cargo run -p image-metrics --example check_golden_metrics -- FILE…`. Exits with 1 outside tolerance.
 
 #[path = "../tests/it/golden.rs"]
 mod golden;

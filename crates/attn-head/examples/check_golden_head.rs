@@ -1,6 +1,6 @@
 //! Compares the attention head with golden files of another implementation, every map and gradient:
 //!
-//! `cargo run --release -p attn-head --features candle --example check_golden -- FILE.safetensors ..`
+//! `cargo run --release -p attn-head --features candle --example check_golden_head -- FILE.safetensors ..`
 //!
 //! The exit status is 1 if anything is outside the tolerances, 2 if a file cannot be read.
 
@@ -33,7 +33,7 @@ fn check(path: &str) -> Result<bool, Failure> {
 fn main() -> ExitCode {
     let paths: Vec<String> = std::env::args().skip(1).collect();
     if paths.is_empty() {
-        eprintln!("usage: check_golden FILE.safetensors ..");
+        eprintln!("usage: check_golden_head FILE.safetensors ..");
         return ExitCode::from(2);
     }
     let (mut good, mut readable) = (true, true);
