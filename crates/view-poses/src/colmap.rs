@@ -90,9 +90,9 @@ impl Engine for Colmap {
         }
     }
 
-    fn is_there(&self, work: &Path) -> Result<bool> {
-        Ok((self.program != Path::new(PROGRAM) || Self::is_there())
-            && self.has(self.mapper.command(), work)?)
+    fn can_be_asked(&self, work: &Path) -> bool {
+        // A program that fails is asked, so that its failure is told.
+        self.has(self.mapper.command(), work).unwrap_or(true)
     }
 
     fn estimate(&self, task: &Task<'_>, on_step: &(dyn Fn(Step) + Sync)) -> Result<Solution> {
@@ -320,6 +320,25 @@ mod tests {
     use super::*;
     use crate::CameraGroup;
     use std::os::unix::fs::PermissionsExt;
+    use std::sync::{Mutex, PoisonError};
+    use tempfile::TempDir;
+
+    /// Programs are written and run one after the other: one that another thread's child still holds open for writing cannot be run.
+    static ONE: Mutex<()> = Mutex::new(());
+
+    /// What a program of this text makes of a task without photographs, in a folder of its own.
+    fn estimate(mapper: Mapper, text: &str, cameras: &[CameraGroup]) -> (TempDir, Colmap, Error) {
+        let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("colmap");
+        std::fs::write(&program, format!("#!/bin/sh\ncd {}\n{text}\n", folder.path().display())).unwrap();
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let (images, work) = (folder.path(), folder.path());
+        let task = Task { images, photographs: &[], cameras, sequence: false, seed: 0, work };
+        let colmap = Colmap { mapper, program };
+        let error = colmap.estimate(&task, &|_| ()).unwrap_err();
+        (folder, colmap, error)
+    }
 
     /// What a COLMAP of some version is called with, one call per line; it finds nothing.
     fn calls(
@@ -328,25 +347,12 @@ mod tests {
         options: &str,
         focal_pixels: Option<f64>,
     ) -> (Vec<String>, Error) {
-        let folder = tempfile::tempdir().unwrap();
-        let program = folder.path().join("colmap");
-        let script = format!(
-            "#!/bin/sh\necho \"$@\" >> {}/calls\ncase \"$*\" in\nhelp) echo '{commands}';;\n*-h) echo '{options}';;\nesac\n",
-            folder.path().display()
+        let text = format!(
+            "echo \"$@\" >> calls\ncase \"$*\" in\nhelp) echo '{commands}';;\n*-h) echo '{options}';;\nesac"
         );
-        std::fs::write(&program, script).unwrap();
-        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
         let camera =
             CameraGroup { width: 8, height: 6, name: None, focal_mm: None, focal_pixels, photographs: 0 };
-        let task = Task {
-            images: folder.path(),
-            photographs: &[],
-            cameras: &[camera],
-            sequence: false,
-            seed: 0,
-            work: folder.path(),
-        };
-        let error = Colmap { mapper, program }.estimate(&task, &|_| ()).unwrap_err();
+        let (folder, _, error) = estimate(mapper, &text, &[camera]);
         let calls = std::fs::read_to_string(folder.path().join("calls")).unwrap();
         (calls.lines().filter(|line| !line.ends_with("-h")).map(str::to_owned).collect(), error)
     }
@@ -386,5 +392,13 @@ mod tests {
             error.to_string(),
             "this version of colmap has no command global_mapper; version 4 has it"
         );
+    }
+
+    #[test]
+    fn a_program_that_fails_is_asked_and_its_failure_is_told() {
+        let (folder, colmap, error) = estimate(Mapper::Global, "echo no library >&2\nexit 3", &[]);
+        assert!(matches!(&error, Error::Program { said, .. } if said == "no library"), "{error}");
+        let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+        assert!(colmap.can_be_asked(folder.path()));
     }
 }

@@ -11,13 +11,10 @@ pub trait Engine {
     /// Its name.
     fn name(&self) -> &'static str;
 
-    /// Whether it can be asked. An engine that is not there says why when it is asked all the same.
-    ///
-    /// # Errors
-    /// If that cannot be found out.
-    fn is_there(&self, work: &Path) -> Result<bool> {
+    /// Whether it is worth asking: it is there, as far as is known. One that is not says why when it is asked all the same.
+    fn can_be_asked(&self, work: &Path) -> bool {
         let _ = work;
-        Ok(true)
+        true
     }
 
     /// Estimates poses, lenses and points, in any world and scale.

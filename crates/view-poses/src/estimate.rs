@@ -290,7 +290,7 @@ fn best_of(
             source,
         })?;
         // Of several, one that is not there is none.
-        if engines.len() > 1 && !engine.is_there(&work)? {
+        if engines.len() > 1 && !engine.can_be_asked(&work) {
             continue;
         }
         if !attempts.is_empty() {
@@ -418,14 +418,7 @@ mod tests {
             let view = render_view(&scene, &camera, 2, "view", 0).unwrap();
             let picture = RgbImage::from_raw(SIZE[0] as u32, SIZE[1] as u32, view.image().to_rgb8()).unwrap();
             picture.save(images.join(name(i))).unwrap();
-            photographs.push(Photograph {
-                name: name(i),
-                width: SIZE[0],
-                height: SIZE[1],
-                camera: 0,
-                turned: false,
-                colours: RgbImage::new(1, 1),
-            });
+            photographs.push(Photograph::of_size(&name(i), SIZE));
             // The fifth looks past what it shows.
             let turn = if i == 4 { DMat3::from_rotation_z(0.06) } else { DMat3::IDENTITY };
             poses

@@ -184,7 +184,6 @@ mod tests {
     use super::*;
     use crate::engine::Pose;
     use gs_scene::{Distortion, Intrinsics, Lens};
-    use image::RgbImage;
     use view_data::{Observation, ScenePoint};
 
     #[test]
@@ -202,14 +201,6 @@ mod tests {
     /// Cameras on a line before a box of points, which turn by `turn` towards the middle of the box, seen with an error of half a pixel.
     fn walk(turn: f64) -> (Solution, Vec<Photograph>) {
         let (width, height) = (480, 360);
-        let photograph = |i: usize| Photograph {
-            name: i.to_string(),
-            width,
-            height,
-            camera: 0,
-            turned: false,
-            colours: RgbImage::new(1, 1),
-        };
         let intrinsics = Intrinsics { fx: 400.0, fy: 400.0, cx: 240.0, cy: 180.0, width, height };
         let lens = Lens { intrinsics, model: Distortion { k1: 0.02, ..Distortion::default() }.into() };
         let pose = |i: usize| {
@@ -232,7 +223,7 @@ mod tests {
         let poses = (0..9).map(|i| Some(pose(i))).collect();
         (
             Solution { lenses: vec![lens], poses, reasons: vec![None; 9], points },
-            (0..9).map(photograph).collect(),
+            (0..9).map(|i| Photograph::of_size(&i.to_string(), [width, height])).collect(),
         )
     }
 
@@ -261,7 +252,9 @@ mod tests {
         assert!((both[0].unwrap() - alone).abs() < 1e-9 * alone && both[1].is_none(), "{both:?} {alone}");
         // Photographs without a match, of a lens of their own: it is not known, and the other as before.
         let mut photographs = photographs;
-        photographs.push(Photograph { camera: 1, ..photographs[0].clone() });
+        let mut other = photographs[0].clone();
+        other.camera = 1;
+        photographs.push(other);
         solution.poses.push(solution.poses[0]);
         solution.reasons.push(None);
         let both = uncertainties(&solution, &photographs);

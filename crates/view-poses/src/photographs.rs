@@ -27,7 +27,16 @@ pub struct Photograph {
     pub turned: bool,
     /// The picture, reduced: colours of points are taken from it.
     #[cfg_attr(not(feature = "openmvg"), allow(dead_code, reason = "COLMAP finds colours itself"))]
-    pub(crate) colours: RgbImage,
+    colours: RgbImage,
+}
+
+#[cfg(test)]
+impl Photograph {
+    /// One without a file, of the first camera.
+    pub(crate) fn of_size(name: &str, [width, height]: [usize; 2]) -> Self {
+        let colours = RgbImage::new(1, 1);
+        Self { name: name.to_owned(), width, height, camera: 0, turned: false, colours }
+    }
 }
 
 impl Photograph {

@@ -78,15 +78,7 @@ mod tests {
     fn what_was_seen_at_a_pixel_is_where_its_point_is_now() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("images")).unwrap();
-        let photograph = |name: &str| Photograph {
-            name: name.to_owned(),
-            width: SIZE[0],
-            height: SIZE[1],
-            camera: 0,
-            turned: false,
-            colours: ramp(),
-        };
-        let photographs = ["a.png", "b.png", "c.png"].map(photograph);
+        let photographs = ["a.png", "b.png", "c.png"].map(|name| Photograph::of_size(name, SIZE));
         for photograph in &photographs {
             ramp().save(folder.path().join("images").join(&photograph.name)).unwrap();
         }

@@ -143,7 +143,6 @@ mod tests {
     use crate::engine::Pose;
     use crate::verdict::TURNED;
     use gs_scene::{Distortion, Intrinsics, Lens};
-    use image::RgbImage;
 
     #[test]
     fn rotations_are_found_again() {
@@ -160,16 +159,7 @@ mod tests {
     /// said to have found 1.0.
     fn solution(step: f64) -> (Solution, Vec<Photograph>) {
         let (width, height) = (480, 360);
-        let photographs: Vec<Photograph> = (0..5)
-            .map(|i| Photograph {
-                name: i.to_string(),
-                width,
-                height,
-                camera: 0,
-                turned: false,
-                colours: RgbImage::new(1, 1),
-            })
-            .collect();
+        let photographs = (0..5).map(|i| Photograph::of_size(&i.to_string(), [width, height])).collect();
         let poses: Vec<Pose> = (0..5)
             .map(|i| Pose {
                 axes: DMat3::from_rotation_y(0.08 * f64::from(i)),

@@ -21,7 +21,7 @@ pub struct Verdict {
     pub points: usize,
     /// Focal length of each camera, long sides of the picture; none of cameras without posed photographs.
     pub focal_lengths: Vec<Option<f64>>,
-    /// Standard deviation of each, over the focal length; infinite where nothing tells it.
+    /// Standard deviation of each, over the focal length; infinite (null in JSON) where nothing tells it.
     pub focal_deviations: Vec<Option<f64>>,
     /// Median over the points of their mean reprojection error, pixels.
     pub reprojection: Option<f64>,
