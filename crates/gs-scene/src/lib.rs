@@ -26,4 +26,4 @@ pub use maps::{DepthMap, FeatureMap};
 pub use ply::{encode_ply, read_ply, read_ply_vertices, write_ply};
 pub use ply_header::{PlyElement, PlyEncoding, PlyHeader, PlyKind, PlyProperty, PlyScalar};
 pub use view::View;
-pub use write::{links, write_atomically};
+pub use write::{links, write_atomically, write_durably};

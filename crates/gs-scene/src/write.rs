@@ -15,6 +15,19 @@ const MAX_LINKS: usize = 40;
 /// # Errors
 /// If a folder or file cannot be written, or `fill` fails.
 pub fn write_atomically(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<()> {
+    write(path, false, fill)
+}
+
+/// As [`write_atomically`], and waits until the disk has the file and its name: what was written survives the end of the machine.
+/// This costs some milliseconds.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_durably(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<()> {
+    write(path, true, fill)
+}
+
+fn write(path: &Path, durably: bool, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<()> {
     let fail = |action, path: &Path| {
         let path = path.to_path_buf();
         move |source| Error::Io { action, path, source }
@@ -43,7 +56,15 @@ pub fn write_atomically(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::i
         temporary.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let mut writer = BufWriter::with_capacity(1 << 20, temporary.tempfile_in(folder)?);
         fill(&mut writer)?;
-        writer.into_inner()?.persist(&target)?;
+        let temporary = writer.into_inner()?;
+        if durably {
+            temporary.as_file().sync_all()?;
+        }
+        temporary.persist(&target)?;
+        // The name is the folder's; only Unix opens a folder as a file.
+        if cfg!(unix) && durably {
+            fs::File::open(folder)?.sync_all()?;
+        }
         Ok(())
     })();
     written.map_err(fail("write", path))
@@ -76,7 +97,7 @@ mod tests {
     fn a_failed_write_leaves_the_old_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("deep/file.txt");
-        write_atomically(&path, |w| w.write_all(b"old")).unwrap();
+        write_durably(&path, |w| w.write_all(b"old")).unwrap();
         let failed = write_atomically(&path, |w| {
             w.write_all(b"new")?;
             Err(std::io::Error::from(std::io::ErrorKind::StorageFull))

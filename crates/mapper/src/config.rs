@@ -39,10 +39,10 @@ impl Default for Config {
             cap: 200_000,
             bytes: None,
             depth: Depth::Measured,
-            tau: 0.1,
+            tau: 0.2,
             window: 5,
             kept: 12,
-            refine: 0,
+            refine: 3,
             seed: 0,
         }
     }

@@ -6,12 +6,12 @@ use crate::draw::{backdrop, draw};
 use crate::fuse::{Fused, Observation, error, fuse, inverse_depths, recolour};
 use crate::keyframes::{Keyframe, Keyframes};
 use crate::look::Look;
-use crate::map::Map;
+use crate::map::{Map, mean};
 use crate::room::make_room;
 use crate::{Config, Depth, Integrated, Outcome, Refusal, Result, Seen, Update, Waiting, bootstrap, stereo};
 use depth_backbone::{DepthBackbone, GivenDepth, ViewGeometry, Wanted};
 use gs_raster::{PixelGradients, Rasterizer, RenderSettings, near_plane};
-use gs_scene::{Camera, Gaussians, View};
+use gs_scene::{Camera, Gaussians, LOG_SCALE, View};
 use std::time::Instant;
 
 /// A frame may be so many typical depths away from the one before; beyond, its pose is taken for wrong.
@@ -24,8 +24,12 @@ const TOLERANCE_MEASURED: f32 = 0.03;
 const TOLERANCE_STEREO: f32 = 0.05;
 /// Old keyframes that a refinement compares beside the new one.
 const REFINED_WITH: usize = 2;
-/// Step sizes of a refinement of a few steps over those of a long one: the first steps of Adam go at full length whatever the slope.
-const REFINE_RATE: f32 = 0.25;
+/// Step sizes of a refinement over those of the looks of a forward pass, which see every place from several views; here most places are
+/// compared in one.
+const REFINE_RATE: f32 = 0.45;
+/// Largest standard deviation of a Gaussian over its z-depth. Along a wall that is seen at a grazing angle a larger one reaches to where the
+/// camera goes next, and stands before what is there.
+const LARGEST: f64 = 0.1;
 
 /// A posed frame.
 #[derive(Debug, Clone)]
@@ -235,6 +239,7 @@ impl Mapper {
         };
         let mut new = draw(view, geometry, range, &open, &self.config, most - back.len())?;
         new.append(&back);
+        limit_scales(&mut new, camera);
         let reduced = make_room(&mut self.map, new.len())?;
         self.map.append(&new, camera);
         self.recolour(view, new.len())?;
@@ -341,26 +346,18 @@ impl Mapper {
         for i in chosen {
             views.push(old[i].view()?);
         }
-        let usual = refine::Rates::default();
-        let rates = refine::Rates {
-            mean: usual.mean * REFINE_RATE,
-            rotation: usual.rotation * REFINE_RATE,
-            scale: usual.scale * REFINE_RATE,
-            opacity: usual.opacity * REFINE_RATE,
-            colour: usual.colour * REFINE_RATE,
-            sh: 0.0,
-            pose: 0.0,
-        };
+        let rounds = refine::Config::rounds(1, views.len());
+        let refine::Rates { mean, rotation, scale, opacity, colour, .. } = rounds.rates;
+        let [mean, rotation, scale, opacity, colour] =
+            [mean, rotation, scale, opacity, colour].map(|rate| REFINE_RATE * rate);
         let config = refine::Config {
             stop: refine::Stop::Steps(self.config.refine),
             views_per_step: views.len(),
-            coarse: 0.0,
-            rates,
+            rates: refine::Rates { mean, rotation, scale, opacity, colour, ..rounds.rates },
+            largest: LARGEST as f32,
             exposure: false,
-            prune: false,
-            smallest_gain: 0.0,
             seed: self.config.seed ^ self.keyframes.count as u64,
-            ..refine::Config::default()
+            ..rounds
         };
         let refined =
             refine::refine(self.map.gaussians.clone(), &views, &config, &mut self.rasterizer, &mut |_| {})?;
@@ -369,6 +366,15 @@ impl Mapper {
         geometry.copy_from_slice(refined.gaussians.geometry());
         sh.copy_from_slice(refined.gaussians.sh());
         Ok(())
+    }
+}
+
+/// Makes Gaussians narrower that are larger than [`LARGEST`] in the camera that they come from.
+fn limit_scales(gaussians: &mut Gaussians, camera: &Camera) {
+    for row in gaussians.buffers_mut().0.chunks_exact_mut(Gaussians::GEOMETRY) {
+        let most = (LARGEST * camera.to_camera(mean(row)).z).ln() as f32;
+        // NaN, of what lies behind the camera, limits nothing.
+        row[LOG_SCALE].iter_mut().for_each(|scale| *scale = scale.min(most));
     }
 }
 

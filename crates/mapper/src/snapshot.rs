@@ -12,7 +12,7 @@ use std::path::Path;
 use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
 /// What the files are; another number where their layout or what the mapper computes changes.
-const KIND: &str = "mapper-1";
+const KIND: &str = "mapper-2";
 
 /// Numbers of a Gaussian's evidence.
 const EVIDENCE: usize = 3;
@@ -166,7 +166,7 @@ impl Mapper {
 }
 
 impl Snapshot {
-    /// Writes it, whole or not at all: a reader finds the snapshot before or this one.
+    /// Writes it, whole or not at all: a reader finds the snapshot before or this one, also after the machine has failed.
     ///
     /// # Errors
     /// If the file cannot be written.

@@ -23,6 +23,9 @@ pub struct Config {
     /// gradient, s the size of this parameter's gradients, and t the typical size of its kind's. With 0 every parameter moves by its rate (Adam); the
     /// larger it is, the more a step is like plain gradient descent.
     pub damping: f32,
+    /// Largest standard deviation of a Gaussian over its z-depth in the nearest view: 1 is 90 degrees wide. What is larger at the start may
+    /// stay so.
+    pub largest: f32,
     /// What is made small.
     pub loss: Loss,
     /// SH degree of the result, 0 to 3, if above that of the scene: its new coefficients start at 0.
@@ -49,6 +52,7 @@ impl Default for Config {
             last_rate: 0.05,
             momentum: 0.9,
             damping: 5.0,
+            largest: 1.0,
             loss: Loss::default(),
             sh_degree: 0,
             exposure: true,
@@ -197,6 +201,12 @@ impl Config {
                 (0.0..=1e6).contains(&self.damping),
                 "a number from 0 to a million",
             ),
+            (
+                "largest",
+                f64::from(self.largest),
+                self.largest > 0.0 && self.largest <= 1e3,
+                "above 0, at most 1000",
+            ),
             ("sh_degree", self.sh_degree as f64, self.sh_degree <= 3, "0 to 3"),
             ("smallest_gain", self.smallest_gain, self.smallest_gain >= 0.0, "a number of at least 0"),
             (
@@ -232,6 +242,8 @@ mod tests {
             ("last_rate", Config { last_rate: 1.5, ..good }),
             ("momentum", Config { momentum: 1.0, ..good }),
             ("damping", Config { damping: f32::NAN, ..good }),
+            ("largest", Config { largest: 0.0, ..good }),
+            ("largest", Config { largest: f32::NAN, ..good }),
             ("sh_degree", Config { sh_degree: 4, ..good }),
             ("smallest_gain", Config { smallest_gain: f64::NAN, ..good }),
             ("loss.dssim", Config { loss: Loss { dssim: 1.5, ..good.loss }, ..good }),

@@ -97,7 +97,7 @@ mod tests {
     fn a_floor_is_a_multiple_of_the_mean_size_whatever_the_unit_of_length() {
         let scene = wall(6, 1.0);
         let views = photographs(&scene, &cameras(2, (40, 32), 1.0));
-        let limits = Limits::of_scene(&scene, &views);
+        let limits = Limits::of_scene(&scene, &views, 1.0);
         let n = scene.len();
         let row: Vec<f32> = (0..Gaussians::GEOMETRY).map(|column| column as f32 + 1.0).collect();
         // Every second Gaussian is in no picture.

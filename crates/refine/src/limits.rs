@@ -7,8 +7,6 @@ use rayon::prelude::*;
 /// Smallest standard deviation, in pixels of the nearest view. The low-pass filter of the renderer (0.55 px)
 /// hides what is finer.
 const SMALLEST: f32 = 1e-2;
-/// Largest standard deviation over the distance to the nearest view: such a Gaussian is 90 degrees wide.
-const LARGEST: f32 = 1.0;
 /// Opacity logits lie between the negative of this and this: between 1e-4 and 1 - 1e-4.
 const LOGIT: f32 = 9.2;
 
@@ -23,13 +21,14 @@ pub(crate) struct Limits {
 }
 
 impl Limits {
-    /// Of every Gaussian as it is at the start. What lies beyond a limit then may stay there.
-    pub(crate) fn of_scene(gaussians: &Gaussians, views: &[View]) -> Vec<Self> {
+    /// Of every Gaussian as it is at the start. What lies beyond a limit then may stay there. `largest` is that of
+    /// [`Config`](crate::Config::largest).
+    pub(crate) fn of_scene(gaussians: &Gaussians, views: &[View], largest: f32) -> Vec<Self> {
         let rows = gaussians.geometry().par_chunks_exact(Gaussians::GEOMETRY);
-        rows.map(|row| Self::of_row(row, views)).collect()
+        rows.map(|row| Self::of_row(row, views, largest)).collect()
     }
 
-    fn of_row(row: &[f32], views: &[View]) -> Self {
+    fn of_row(row: &[f32], views: &[View], largest: f32) -> Self {
         let mean = DVec3::from_slice(&[row[0], row[1], row[2]].map(f64::from));
         let (mut footprint, mut nearest) = (f64::INFINITY, f64::INFINITY);
         for view in views {
@@ -43,7 +42,7 @@ impl Limits {
         if !(footprint as f32).is_finite() {
             (footprint, nearest) = (0.0, 0.0);
         }
-        let (low, high) = ((footprint as f32 * SMALLEST).ln(), (nearest as f32 * LARGEST).ln());
+        let (low, high) = ((footprint as f32 * SMALLEST).ln(), (nearest as f32 * largest).ln());
         // Of 0 the logarithm is -∞: the bounds then are what the Gaussian has.
         let scales = &row[LOG_SCALE];
         let least = scales.iter().copied().fold(if low.is_finite() { low } else { f32::INFINITY }, f32::min);
@@ -101,28 +100,30 @@ mod tests {
     #[test]
     fn a_footprint_is_that_of_the_nearest_view() {
         let views = views();
-        assert_eq!(Limits::of_row(&row(2.0, 0.0, 0.0), &views).footprint, 0.02);
+        assert_eq!(Limits::of_row(&row(2.0, 0.0, 0.0), &views, 1.0).footprint, 0.02);
         // Behind the second view, in front of the first.
-        assert_eq!(Limits::of_row(&row(-3.0, 0.0, 0.0), &views).footprint, 0.05);
+        assert_eq!(Limits::of_row(&row(-3.0, 0.0, 0.0), &views, 1.0).footprint, 0.05);
         for lost in [-9.0, f32::NAN, f32::INFINITY] {
-            assert_eq!(Limits::of_row(&row(lost, 0.0, 0.0), &views).footprint, 0.0, "{lost}");
+            assert_eq!(Limits::of_row(&row(lost, 0.0, 0.0), &views, 1.0).footprint, 0.0, "{lost}");
         }
     }
 
     #[test]
     fn nothing_leaves_its_limits_and_what_is_beyond_stays() {
         let views = views();
-        let limits = Limits::of_row(&row(2.0, -3.0, 0.0), &views);
+        let limits = Limits::of_row(&row(2.0, -3.0, 0.0), &views, 1.0);
         let mut grown = row(2.0, 50.0, 99.0);
         limits.apply(&mut grown);
         assert_eq!((grown[7], grown[10]), (2.0f32.ln(), 9.2));
         assert_eq!(grown[3], 1.0);
+        Limits::of_row(&row(2.0, -3.0, 0.0), &views, 0.1).apply(&mut grown);
+        assert_eq!(grown[7], 0.2f32.ln());
         let mut shrunk = row(2.0, -50.0, -99.0);
         limits.apply(&mut shrunk);
         assert_eq!((shrunk[7], shrunk[10]), ((0.02f32 * 0.01).ln(), -9.2));
         for beyond in [row(2.0, 50.0, 99.0), row(2.0, -50.0, -99.0), row(-20.0, -1.0, 1.0)] {
             let mut found = beyond;
-            Limits::of_row(&beyond, &views).apply(&mut found);
+            Limits::of_row(&beyond, &views, 1.0).apply(&mut found);
             assert_eq!(found[7..], beyond[7..]);
         }
         let mut nowhere = [f32::NAN; 11];

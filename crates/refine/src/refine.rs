@@ -180,7 +180,7 @@ impl<'a> Work<'a> {
             coarse,
             exposures: Exposures::new(at_start),
             poses: Poses::new(&gaussians, views, config.rates.pose),
-            limits: Limits::of_scene(&gaussians, views),
+            limits: Limits::of_scene(&gaussians, views, config.largest),
             geometry_moments: Moments::new(gaussians.geometry().len()),
             sh_moments: Moments::new(gaussians.sh().len()),
             gaussians,

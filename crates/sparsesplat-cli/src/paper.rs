@@ -1,11 +1,14 @@
 //! `paper`: the paper's tables, with what is measured here beside.
 
+mod mapping;
+
 use crate::arguments::{AllocationName, Common};
-use crate::failure::Outcome;
+use crate::failure::{Failure, Outcome};
 use crate::output::{self, Outputs, named};
 use crate::summary::{print, print_line};
 use crate::sweep::Sweeping;
 use clap::{Args, ValueEnum};
+use mapping::Mapping;
 use serde::Serialize;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -21,13 +24,17 @@ use tradeoff::{Comparison, Extent, PaperTable, Summary, comparison_markdown, sta
     sparsesplat paper replica --dataset replica --root Replica --windows 5\n  \
     sparsesplat paper runtime frames primitives                        on simulated scenes\n  \
     sparsesplat paper main --dataset nerfstudio --root data -o kept --lpips-weights vgg16-397923af.pth vgg.pth\n  \
-    sparsesplat paper main --merge sweep                               from the points of a finished sweep\n\n\
+    sparsesplat paper main --merge sweep                               from the points of a finished sweep\n  \
+    sparsesplat paper mapping --stream room0.json office0.json         records of `stream --evaluate --json`\n\n\
     A table states its views, their size, the seeds, and what was dropped and why.\n\
     A window or point that fails is named with its reason, and the exit code is 1.")]
 pub(crate) struct Arguments {
     /// Tables to print
     #[arg(value_enum, required = true)]
     tables: Vec<Name>,
+    /// For mapping: what `stream --evaluate --json` wrote, one file per sequence
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    stream: Vec<PathBuf>,
     /// Write the tables as a Markdown document
     #[arg(long, value_name = "PATH", help_heading = "Results")]
     markdown: Option<PathBuf>,
@@ -48,16 +55,20 @@ enum Name {
     Frames,
     /// Number of Gaussians, beside mapping systems
     Primitives,
+    /// Photo-SLAM, MonoGS, SplaTAM and GS-ICP SLAM on Replica, as published, beside streams
+    Mapping,
 }
 
 impl Name {
-    fn table(self) -> PaperTable {
+    /// The table that a sweep makes; none of systems that map streams.
+    fn table(self) -> Option<PaperTable> {
         match self {
-            Self::Main => PaperTable::Main,
-            Self::Replica => PaperTable::Replica,
-            Self::Runtime => PaperTable::Runtime,
-            Self::Frames => PaperTable::Frames,
-            Self::Primitives => PaperTable::Primitives,
+            Self::Main => Some(PaperTable::Main),
+            Self::Replica => Some(PaperTable::Replica),
+            Self::Runtime => Some(PaperTable::Runtime),
+            Self::Frames => Some(PaperTable::Frames),
+            Self::Primitives => Some(PaperTable::Primitives),
+            Self::Mapping => None,
         }
     }
 }
@@ -71,9 +82,38 @@ struct Record<'a> {
     summary: &'a Summary,
 }
 
+/// The table of mapping systems. Nothing is measured for it.
+fn mapping(arguments: &Arguments, common: &Common) -> Outcome {
+    const MAPPING: [&str; 6] = ["tables", "stream", "markdown", "json", "threads", "device"];
+    common.given.refuse_all_but(&MAPPING, "`mapping` measures nothing")?;
+    let mapping = Mapping::read(&arguments.stream)?;
+    let table = mapping.table();
+    print(&format!("{}\n\n{}\n", mapping::TITLE, table.to_text()));
+    mapping.notes().iter().for_each(|note| print_line(note));
+    if let Some(path) = &common.json {
+        output::write_json(path, &mapping)?;
+    }
+    if let Some(path) = &arguments.markdown {
+        let notes = mapping.notes().join("\n");
+        output::write_text(path, &format!("# {}\n\n{}\n{notes}\n", mapping::TITLE, table.to_markdown()))?;
+        print_line(&format!("document   {}", named(path)));
+    }
+    Ok(())
+}
+
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let outputs = Outputs::of(common).with("--markdown", arguments.markdown.as_ref()).check()?;
-    let tables: Vec<PaperTable> = arguments.tables.iter().map(|name| name.table()).collect();
+    let tables: Vec<PaperTable> = arguments.tables.iter().filter_map(|name| name.table()).collect();
+    if arguments.tables.contains(&Name::Mapping) {
+        if !tables.is_empty() {
+            return Err(Failure::input(
+                "`mapping` is of streams and the other tables are of a sweep: ask for them apart",
+            ));
+        }
+        outputs.spare(arguments.stream.iter().map(PathBuf::as_path))?;
+        return mapping(arguments, common);
+    }
+    common.given.refuse(&["stream"], "only the table `mapping` has streams")?;
     let compares = tables.iter().any(|table| table.compares_allocations());
     let allocations = if compares { AllocationName::all() } else { Vec::new() };
     let Some(swept) = arguments.sweeping.run(Extent::Paper, &allocations, &outputs, common)? else {

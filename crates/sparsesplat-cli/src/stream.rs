@@ -13,9 +13,10 @@ use crate::summary::{memory_line, print_line};
 use clap::{Args, ValueEnum};
 use evaluate::{Recipe, peak_rss_bytes};
 use mapper::{Config, Depth, Integrated, Mapper, Outcome as Of, Update};
-use measure::{Measured, Row};
+use measure::Row;
+pub(crate) use measure::{Means, Measured};
 use report_parts::count;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use source::{Next, Source};
@@ -38,7 +39,7 @@ use view_data::Format;
 #[command(arg = crate::arguments::no_device(), after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat stream --demo -o dwelling.ply                       a simulated walk through four rooms, twice\n  \
     sparsesplat stream Replica/room0 --cap 200k -o room0.ply\n  \
-    sparsesplat stream data/fox --depth stereo --refine 2 -o fox.ply --log fox.jsonl\n  \
+    sparsesplat stream data/fox --depth stereo --refine 5 -o fox.ply --log fox.jsonl\n  \
     camera-program | sparsesplat stream - -o map.ply                frames from standard input\n  \
     sparsesplat stream incoming --watch -o map.ply                  frames that appear in a folder, until a file `end` does\n  \
     sparsesplat stream data/kitchen --resume map.snapshot -o map.ply\n\n\
@@ -92,7 +93,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = Config::default().kept, hide_short_help = true)]
     kept: usize,
     /// Gradient steps per keyframe, 0 to 5
-    #[arg(long, value_name = "STEPS", default_value_t = 0)]
+    #[arg(long, value_name = "STEPS", default_value_t = Config::default().refine)]
     refine: usize,
     /// Seed of the sampling, and of the demo
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
@@ -154,9 +155,9 @@ struct Record<'a> {
 }
 
 /// Seconds per frame.
-#[derive(Debug, Default, Serialize)]
-struct Latency {
-    keyframe_median: f64,
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Latency {
+    pub(crate) keyframe_median: f64,
     keyframe_worst: f64,
     other_median: f64,
     other_worst: f64,

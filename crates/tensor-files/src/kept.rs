@@ -3,7 +3,7 @@
 
 use crate::{Checked, SafetensorsFault, checked, to_bytes};
 use crc32fast::Hasher;
-use gs_scene::write_atomically;
+use gs_scene::write_durably;
 use safetensors::tensor::{Dtype, Metadata};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -97,7 +97,7 @@ pub fn write_kept(
     let parts =
         tensors.iter().map(|(name, dtype, shape, data)| (name.as_str(), *dtype, &shape[..], &data[..]));
     let bytes = to_bytes(parts, HashMap::from([(kind.to_owned(), serde_json::to_string(&sealed)?)]))?;
-    Ok(write_atomically(path, |out| out.write_all(&bytes))?)
+    Ok(write_durably(path, |out| out.write_all(&bytes))?)
 }
 
 fn checksum<'a>(header: &str, sorted: impl Iterator<Item = (&'a str, Dtype, &'a [usize], &'a [u8])>) -> u32 {

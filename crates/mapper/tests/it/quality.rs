@@ -33,10 +33,13 @@ fn a_smaller_cap_costs_quality_slowly() {
 }
 
 #[test]
-fn refinement_helps_on_request() {
-    let (plain, plain_between, _) = figures(config(), &WALK[..12]);
-    let (refined, between, _) = figures(Config { refine: 3, ..config() }, &WALK[..12]);
-    assert!(refined > plain && between > plain_between, "{plain} {refined}, {plain_between} {between}");
+fn gradient_steps_close_the_gaps() {
+    let (plain, plain_between, _) = figures(Config { refine: 0, ..config() }, &WALK[..12]);
+    let (refined, between, _) = figures(config(), &WALK[..12]);
+    assert!(
+        refined > plain + 1.5 && between > plain_between + 1.0,
+        "{plain} {refined}, {plain_between} {between}"
+    );
 }
 
 /// The view with something else for its depth.
@@ -80,8 +83,6 @@ fn noise_of_depth_is_averaged_away() {
             with_depth(view, |_, z| z * (1.0 + 0.01 * sign))
         })
         .collect();
-    let mut mapper = Mapper::new(config()).unwrap();
-    push_all(&mut mapper, &noisy);
     // How far the map's surface lies from the true one, relative, on the mean of all frames.
     let off = |mapper: &Mapper| {
         let errors = WALK[..24].iter().step_by(4).map(|view| {
@@ -102,5 +103,10 @@ fn noise_of_depth_is_averaged_away() {
         });
         mean(errors)
     };
-    assert!(off(&mapper) < 0.008, "{}", off(&mapper));
+    // Fusion alone; gradient steps on the pictures give a part of it back.
+    for (refine, bound) in [(0, 0.008), (config().refine, 0.0095)] {
+        let mut mapper = Mapper::new(Config { refine, ..config() }).unwrap();
+        push_all(&mut mapper, &noisy);
+        assert!(off(&mapper) < bound, "{refine} steps: {}", off(&mapper));
+    }
 }

@@ -9,7 +9,7 @@ use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
 use mapper::{Depth, Mapper, Outcome as Of, Update};
 use report_parts::Picture;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sparsesplat::{Backbone, Budget, Predictor};
 use std::path::Path;
 use std::time::Instant;
@@ -81,26 +81,28 @@ pub(super) struct Asked<'a> {
 }
 
 /// Figures of the map in the frames.
-#[derive(Debug, Serialize)]
-pub(super) struct Measured {
-    mapped: Means,
-    between: Means,
+#[derive(Debug, Serialize, Deserialize)]
+pub(crate) struct Measured {
+    pub(crate) mapped: Means,
+    pub(crate) between: Means,
     batch: Option<Batch>,
+    /// The network of LPIPS, if it was measured.
+    pub(crate) lpips_network: Option<String>,
 }
 
 /// Means over some frames.
-#[derive(Debug, Clone, Default, Serialize)]
-struct Means {
-    frames: usize,
-    psnr: f64,
-    ssim: f64,
-    lpips: Option<f64>,
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(crate) struct Means {
+    pub(crate) frames: usize,
+    pub(crate) psnr: f64,
+    pub(crate) ssim: f64,
+    pub(crate) lpips: Option<f64>,
     /// Mean absolute difference of depth where both are known, scene units.
-    depth_l1: Option<f64>,
+    pub(crate) depth_l1: Option<f64>,
 }
 
 /// The reconstruction from all keyframes at once, with as many Gaussians.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Batch {
     head: String,
     gaussians: usize,
@@ -194,7 +196,8 @@ pub(super) fn measure(
         mapped: batch_mapped,
         between: batch_between,
     });
-    Ok(Measured { mapped, between, batch })
+    let lpips_network = asked.lpips.map(|lpips| lpips.network().name().to_owned());
+    Ok(Measured { mapped, between, batch, lpips_network })
 }
 
 /// The reconstruction from all keyframes at once, its head, and its seconds.

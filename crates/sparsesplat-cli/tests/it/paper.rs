@@ -75,3 +75,40 @@ fn a_table_can_be_made_of_a_sweep_that_is_done_and_names_what_was_dropped() {
     let nothing = call(&["paper"]);
     assert_eq!(nothing.code, Some(2), "{}", nothing.stderr);
 }
+
+#[test]
+fn mapping_systems_stand_beside_streams() {
+    let tiny = Tiny::new();
+    let file = |name: &str| tiny.beside(name);
+    let text = |path: &std::path::Path| path.to_str().unwrap().to_owned();
+    let published = call(&["paper", "mapping"]).succeeded();
+    for part in ["SplaTAM", "38.83", "RTX 4090", "No stream was given"] {
+        assert!(published.stdout.contains(part), "no {part:?} in: {}", published.stdout);
+    }
+
+    let (record, other) = (text(&file("stream.json")), text(&file("other.json")));
+    let stream = ["stream", "--demo", "--size", "48x32", "--frames", "5", "--cap", "2k", "-o"];
+    let map = text(&file("map.ply"));
+    call(&[&stream[..], &[&map, "--evaluate", "--json", &record]].concat()).succeeded();
+    let json = text(&file("mapping.json"));
+    let called = call(&["paper", "mapping", "--stream", &record, &record, "--json", &json]).succeeded();
+    assert!(called.stdout.contains("sparsesplat stream, poses given"), "{}", called.stdout);
+    let (table, of_stream) = (read_json(json.as_ref()), read_json(record.as_ref()));
+    assert_eq!(table["published"].as_array().unwrap().len(), 5);
+    // The mean of one stream with itself.
+    assert_eq!(table["ours"]["mapped"]["psnr"], of_stream["measured"]["mapped"]["psnr"]);
+    assert_eq!(table["ours"]["inputs"].as_array().unwrap().len(), 2);
+
+    fs::write(&other, "{}").unwrap();
+    call(&[&stream[..], &[&map, "--json", &record]].concat()).succeeded();
+    for (words, why) in [
+        (vec!["mapping", "--stream", &other], "not a record of"),
+        (vec!["mapping", "--stream", &record], "with --evaluate"),
+        (vec!["mapping", "main"], "apart"),
+        (vec!["mapping", "--scenes", "1"], "--scenes has no effect"),
+        (vec!["frames", "--stream", &record], "--stream has no effect"),
+    ] {
+        let called = call(&[&["paper"], &words[..]].concat());
+        assert!(called.code == Some(2) && called.stderr.contains(why), "{words:?}: {}", called.stderr);
+    }
+}
