@@ -6,7 +6,6 @@
 use gs_raster::{Device, Rasterizer};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,8 +16,8 @@ use std::time::Duration;
 
 /// How often a waiting caller looks for signals.
 const SIGNALS: Duration = Duration::from_millis(50);
-/// Buffers that are kept to be filled anew: fresh memory costs as much time as filling it. A training step has one tape, which copies
-/// five arrays, and five arrays of gradients; there may be a few at once.
+/// Buffers that are kept to be filled anew: fresh memory costs as much time as filling it. A training step has
+/// five arrays of gradients; there may be a few steps' at once.
 const SPARE: usize = 16;
 
 /// Threads, rasterizers and buffers of one process.
@@ -94,15 +93,6 @@ impl Engine {
         spare.pop();
         drop(spare);
         vec![0.0; length]
-    }
-
-    /// A copy of numbers, which all threads write, in a spare buffer if there is any.
-    pub(crate) fn copy(&self, numbers: &[f32]) -> Vec<f32> {
-        const CHUNK: usize = 1 << 14;
-        let mut copy = self.buffer(numbers.len());
-        let chunks = copy.par_chunks_mut(CHUNK).zip(numbers.par_chunks(CHUNK));
-        chunks.for_each(|(copy, numbers)| copy.copy_from_slice(numbers));
-        copy
     }
 
     /// Takes buffers back that nobody needs any more. Not in the child of a fork, which has an engine of its own: the lock of this one may

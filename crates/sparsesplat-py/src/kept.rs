@@ -1,9 +1,9 @@
 //! The Gaussians of a tape, which are read again by the backward pass.
 
-use crate::engine::Engine;
 use crate::rasterize::{Arrays, Unbound};
-use gs_raster::{Activated, Colors};
+use gs_raster::Activated;
 use gs_scene::Gaussians;
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use std::sync::Arc;
 
@@ -28,15 +28,13 @@ impl Numbers<'_> {
 pub(crate) enum Kept {
     /// Stored ones, shared with a scene.
     Stored(Arc<Gaussians>),
-    /// A copy of arrays.
-    Copy(Copied),
-    /// The caller's arrays.
-    InPlace(Unbound),
+    /// The caller's arrays, and their fingerprint when they were drawn.
+    InPlace(Unbound, u64),
 }
 
 /// [`Kept`], at hand.
 pub(crate) enum Held<'py, 'a> {
-    Numbers(Numbers<'a>),
+    Stored(&'a Gaussians),
     Arrays(Arrays<'py>),
 }
 
@@ -44,13 +42,20 @@ impl Kept {
     /// Makes the numbers readable.
     ///
     /// # Errors
-    /// If the caller's arrays have another shape or layout by now.
+    /// If the caller's arrays have another shape or layout by now, or other numbers.
     pub(crate) fn hold<'py>(&self, py: Python<'py>) -> PyResult<Held<'py, '_>> {
-        Ok(match self {
-            Self::Stored(gaussians) => Held::Numbers(Numbers::Stored(gaussians)),
-            Self::Copy(copied) => Held::Numbers(Numbers::Activated(copied.activated())),
-            Self::InPlace(arrays) => Held::Arrays(arrays.bind(py)?),
-        })
+        match self {
+            Self::Stored(gaussians) => Ok(Held::Stored(gaussians)),
+            Self::InPlace(arrays, drawn) => {
+                let arrays = arrays.bind(py)?;
+                if fingerprint(&arrays.activated()?) != *drawn {
+                    return Err(PyRuntimeError::new_err(
+                        "the arrays were changed after record, which does not copy them: call backward before, or give record copies",
+                    ));
+                }
+                Ok(Held::Arrays(arrays))
+            }
+        }
     }
 }
 
@@ -58,43 +63,56 @@ impl Held<'_, '_> {
     /// The numbers in place.
     pub(crate) fn numbers(&self) -> PyResult<Numbers<'_>> {
         match self {
-            Self::Numbers(numbers) => Ok(*numbers),
+            Self::Stored(gaussians) => Ok(Numbers::Stored(gaussians)),
             Self::Arrays(arrays) => arrays.activated().map(Numbers::Activated),
         }
     }
 }
 
-/// A copy of activated Gaussians.
-pub(crate) struct Copied {
-    means: Vec<f32>,
-    quats: Vec<f32>,
-    scales: Vec<f32>,
-    opacities: Vec<f32>,
-    colors: Vec<f32>,
-    kind: Colors,
-}
-
-impl Copied {
-    /// A copy in spare buffers of the engine.
-    pub(crate) fn of(arrays: &Activated<'_>, engine: &Engine) -> Self {
-        let Activated { means, quats, scales, opacities, colors, kind } = *arrays;
-        Self {
-            means: engine.copy(means),
-            quats: engine.copy(quats),
-            scales: engine.copy(scales),
-            opacities: engine.copy(opacities),
-            colors: engine.copy(colors),
-            kind,
+/// A hash of some numbers of every array, in microseconds: 64 stretches of 16, and all of an array of up to 1024. A step of an optimiser changes it;
+/// a change of a few numbers of a large array may not.
+pub(crate) fn fingerprint(arrays: &Activated<'_>) -> u64 {
+    const STRETCH: usize = 16;
+    const STRETCHES: usize = 64;
+    let Activated { means, quats, scales, opacities, colors, .. } = arrays;
+    let mut hash = 0u64;
+    for array in [means, quats, scales, opacities, colors] {
+        for part in array.chunks(array.len().div_ceil(STRETCHES).max(STRETCH)) {
+            for number in &part[..part.len().min(STRETCH)] {
+                // FNV-1a's prime; the rotation brings high bits down.
+                hash = (hash.rotate_left(5) ^ u64::from(number.to_bits())).wrapping_mul(0x100_0000_01b3);
+            }
         }
     }
+    hash
+}
 
-    /// Gives the buffers back.
-    pub(crate) fn recycle(self, engine: &Engine) {
-        engine.recycle([self.means, self.quats, self.scales, self.opacities, self.colors]);
-    }
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gs_raster::Colors;
 
-    fn activated(&self) -> Activated<'_> {
-        let Self { means, quats, scales, opacities, colors, kind } = self;
-        Activated { means, quats, scales, opacities, colors, kind: *kind }
+    #[test]
+    fn a_fingerprint_changes_with_a_step_and_with_any_number_of_small_arrays() {
+        let of = |arrays: &[Vec<f32>; 5]| {
+            let [means, quats, scales, opacities, colors] = arrays.each_ref().map(Vec::as_slice);
+            fingerprint(&Activated { means, quats, scales, opacities, colors, kind: Colors::Rgb })
+        };
+        let arrays = |n: usize| [3, 4, 3, 1, 3].map(|width| vec![0.5f32; n * width]);
+        let small = arrays(200);
+        for array in 0..5 {
+            for place in 0..small[array].len() {
+                let mut changed = small.clone();
+                changed[array][place] = 0.25;
+                assert_ne!(of(&small), of(&changed), "{array} {place}");
+            }
+        }
+        let large = arrays(50_000);
+        for array in 0..5 {
+            let mut stepped = large.clone();
+            stepped[array].iter_mut().for_each(|number| *number += 1e-6);
+            assert_ne!(of(&large), of(&stepped), "{array}");
+        }
+        of(&arrays(0));
     }
 }

@@ -4,8 +4,8 @@ use crate::arrays::{Side, give, read};
 use crate::cameras::Cameras;
 use crate::engine::{self, Caller, Engine, engine};
 use crate::failure::OrRaise;
-use crate::kept::{Copied, Kept, Numbers};
-use crate::settings::{take, without_sh_degree};
+use crate::kept::{Kept, Numbers, fingerprint};
+use crate::settings::without_sh_degree;
 use crate::tape::{Recorded, Tape};
 use gs_raster::{Activated, Colors, Device, Rasterizer, RenderSettings, Rendering};
 use gs_scene::Camera;
@@ -58,15 +58,15 @@ pub(crate) fn rasterize<'py>(
     request.pictures(py, drawn.or_raise()?)
 }
 
-/// As rasterize, and a tape, whose method backward gives the gradients. With copy=False the tape reads the arrays again in
-/// backward, which must hold the same numbers then.
+/// As rasterize, and a tape, whose method backward gives the gradients. The tape has no copy of the arrays: backward reads them again, and
+/// they must hold the same numbers then.
 #[pyfunction]
 #[pyo3(
     signature = (means, quats, scales, opacities, colors, viewmats, Ks, width, height, **settings),
     text_signature = "(means, quats, scales, opacities, colors, viewmats, Ks, width, height, *, near_plane=0.01, \
                       far_plane=1e10, eps2d=0.3, sh_degree=None, backgrounds=None, render_mode='RGB', \
                       rasterize_mode='classic', device='auto', alpha_min=0.00392156862745098, alpha_max=0.99, \
-                      transmittance_min=1e-4, compensation_min=0.005, copy=True)"
+                      transmittance_min=1e-4, compensation_min=0.005)"
 )]
 #[expect(non_snake_case, reason = "the name of the argument")]
 #[expect(clippy::too_many_arguments, reason = "those of gsplat")]
@@ -84,17 +84,15 @@ pub(crate) fn record<'py>(
     settings: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Recording<'py>> {
     let (sh_degree, settings) = without_sh_degree(settings)?;
-    let is_copied = take(settings.as_ref(), "copy")?.map_or(Ok(true), |copy| copy.is_truthy())?;
     let cameras = Cameras::read(viewmats, Ks, width, height)?;
     let request = Request::read("record", cameras, (width, height), settings.as_ref(), None)?;
     let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
     let (activated, engine) = (arrays.activated()?, engine(py)?);
     let recorded = engine::run_borrowing(py, request.is_one_piece(), |caller| {
-        let copy = || is_copied.then(|| Copied::of(&activated, engine));
-        Recorded::draw(engine, caller, Numbers::Activated(activated), &request, copy)
+        Recorded::draw(engine, caller, Numbers::Activated(activated), &request)
     })?;
-    let (drawn, recorded, copied) = recorded.or_raise()?;
-    let kept = copied.map_or_else(|| Kept::InPlace(arrays.unbind()), Kept::Copy);
+    let (drawn, recorded) = recorded.or_raise()?;
+    let kept = Kept::InPlace(arrays.unbind(), fingerprint(&activated));
     Tape::give(py, engine, request, (drawn, recorded, kept))
 }
 

@@ -180,10 +180,10 @@ impl Scene {
         let request = self.request("record", [viewmats, Ks], (width, height), settings)?;
         let (engine, gaussians) = (engine(py)?, Arc::clone(&self.gaussians));
         let (recorded, request) = engine::run(py, None, move |caller| {
-            let recorded = Recorded::draw(engine, caller, Numbers::Stored(&gaussians), &request, || {});
+            let recorded = Recorded::draw(engine, caller, Numbers::Stored(&gaussians), &request);
             (recorded, request)
         })?;
-        let (drawn, recorded, ()) = recorded.or_raise()?;
+        let (drawn, recorded) = recorded.or_raise()?;
         Tape::give(py, engine, request, (drawn, recorded, Kept::Stored(Arc::clone(&self.gaussians))))
     }
 

@@ -21,10 +21,7 @@ pub(crate) fn without_sh_degree<'py>(
 }
 
 /// A setting, which is removed from the others.
-pub(crate) fn take<'py>(
-    settings: Option<&Bound<'py, PyDict>>,
-    name: &str,
-) -> PyResult<Option<Bound<'py, PyAny>>> {
+fn take<'py>(settings: Option<&Bound<'py, PyDict>>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
     let Some(settings) = settings else { return Ok(None) };
     let value = settings.get_item(name)?;
     if value.is_some() {

@@ -7,9 +7,7 @@ use crate::failure::OrRaise;
 use crate::kept::{Kept, Numbers};
 use crate::lent::lend;
 use crate::rasterize::{Backgrounds, Depth, Drawn, Recording, Request};
-use gs_raster::{
-    Activated, ActivatedGradients, CameraGradient, Colors, Gradients, PixelGradients, Rasterizer,
-};
+use gs_raster::{Activated, ActivatedGradients, CameraGradient, Colors, Gradients, PixelGradients};
 use gs_scene::{Gaussians, sh_coefficients};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -18,14 +16,13 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::time::Instant;
 
-/// What `record` keeps for the backward pass. Its memory is given back when the last reference goes.
+/// What `record` keeps for the backward pass.
 #[pyclass(frozen, module = "sparsesplat")]
 pub(crate) struct Tape {
     engine: &'static Engine,
     request: Request,
     recorded: Recorded,
-    /// None only while it is dropped.
-    kept: Option<Kept>,
+    kept: Kept,
 }
 
 /// A recorded batch.
@@ -55,15 +52,14 @@ struct By {
 }
 
 impl Recorded {
-    /// Draws and records; ends early if the caller is gone. Threads that wait in the renderer do the work `meanwhile`.
-    pub(crate) fn draw<T: Send>(
+    /// Draws and records; ends early if the caller is gone.
+    pub(crate) fn draw(
         engine: &Engine,
         caller: &Caller,
         numbers: Numbers<'_>,
         request: &Request,
-        meanwhile: impl FnOnce() -> T + Send,
-    ) -> gs_raster::Result<(Drawn, Self, T)> {
-        let draw = |rasterizer: &mut Rasterizer| {
+    ) -> gs_raster::Result<(Drawn, Self)> {
+        let (drawn, tapes) = engine.rasterizer(request.device, |rasterizer| {
             let begin = Instant::now();
             let (mut views, mut tapes) = (Vec::new(), Vec::new());
             for run in &request.runs {
@@ -78,10 +74,6 @@ impl Recorded {
                 caller.end_if_gone();
             }
             Ok((Drawn::new(views, rasterizer, begin), tapes))
-        };
-        let (drawn, tapes, done) = engine.rasterizer(request.device, |rasterizer| {
-            let (drawn, done) = rayon::join(|| draw(rasterizer), meanwhile);
-            drawn.map(|(drawn, tapes)| (drawn, tapes, done))
         })?;
         let planes = match request.mode.depth {
             Some(Depth::Accumulated) => {
@@ -90,7 +82,7 @@ impl Recorded {
             }
             _ => Vec::new(),
         };
-        Ok((drawn, Self { tapes, planes }, done))
+        Ok((drawn, Self { tapes, planes }))
     }
 }
 
@@ -103,7 +95,7 @@ impl Tape {
         (drawn, recorded, kept): (Drawn, Recorded, Kept),
     ) -> PyResult<Recording<'py>> {
         let (colors, alphas, meta) = request.pictures(py, drawn)?;
-        Ok((colors, alphas, meta, Self { engine, request, recorded, kept: Some(kept) }))
+        Ok((colors, alphas, meta, Self { engine, request, recorded, kept }))
     }
 
     /// The gradients by colours, alpha and depth of every view, run by run.
@@ -242,14 +234,6 @@ impl Found {
     }
 }
 
-impl Drop for Tape {
-    fn drop(&mut self) {
-        if let Some(Kept::Copy(copied)) = self.kept.take() {
-            copied.recycle(self.engine);
-        }
-    }
-}
-
 #[pymethods]
 impl Tape {
     /// Gradients of a loss by what was given to record, given those by the pictures.
@@ -272,7 +256,7 @@ impl Tape {
         let v_alphas = v_alphas.map(|array| read::<f32>("v_alphas", array, &shape(1))).transpose()?;
         let alphas = v_alphas.as_ref().map(|array| array.as_slice()).transpose()?;
         let colors = v_colors.as_slice()?;
-        let held = self.kept.as_ref().expect("there until it is dropped").hold(py)?;
+        let held = self.kept.hold(py)?;
         let numbers = held.numbers()?;
         let found = engine::run_borrowing(py, true, |_| self.differentiate(numbers, colors, alphas))?;
         self.gradients(py, numbers.len(), found.or_raise()?)

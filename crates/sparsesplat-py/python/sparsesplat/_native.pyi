@@ -76,7 +76,6 @@ def record(
     alpha_max: float = 0.99,
     transmittance_min: float = 1e-4,
     compensation_min: float = 0.005,
-    copy: bool = True,
 ) -> Tuple[_Floats, _Floats, Dict[str, Any], Tape]: ...
 def device(device: _Device = "auto") -> Tuple[str, Optional[str]]: ...
 def reconstruct(

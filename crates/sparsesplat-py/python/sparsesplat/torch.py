@@ -46,7 +46,8 @@ def rasterize(
         return pictures, alphas, meta
     arrays = [_array(tensor) for tensor in (means, quats, scales, opacities, colors, viewmats, Ks)]
     pictures, alphas, meta = _native.rasterize(*arrays, width, height, backgrounds=_array(backgrounds), **settings)
-    return _tensor(pictures, means), _tensor(alphas, means), meta
+    home = None if means.is_cpu else means.device
+    return _tensor(pictures, home), _tensor(alphas, home), meta
 
 
 class _Rasterize(torch.autograd.Function):
@@ -54,7 +55,7 @@ class _Rasterize(torch.autograd.Function):
     def forward(ctx, means, quats, scales, opacities, colors, viewmats, backgrounds, Ks, width, height, settings, meta):
         arrays = [_array(tensor) for tensor in (means, quats, scales, opacities, colors, viewmats, Ks)]
         pictures, alphas, told, ctx.tape = _native.record(
-            *arrays, width, height, backgrounds=_array(backgrounds), copy=False, **settings
+            *arrays, width, height, backgrounds=_array(backgrounds), **settings
         )
         # For PyTorch's check that they are unchanged when the tape reads them again.
         ctx.save_for_backward(means, quats, scales, opacities, colors)
@@ -62,10 +63,10 @@ class _Rasterize(torch.autograd.Function):
         ctx.shape = pictures.shape
         # A gradient by alpha that nobody has costs time if it comes as zeros.
         ctx.set_materialize_grads(False)
-        # Where each gradient belongs.
         given = (means, quats, scales, opacities, colors, viewmats, backgrounds)
-        ctx.homes = [None if tensor is None else tensor.device for tensor in given]
-        return _tensor(pictures, means), _tensor(alphas, means)
+        # Where each gradient belongs; None is the CPU's memory.
+        ctx.homes = [None if tensor is None or tensor.is_cpu else tensor.device for tensor in given]
+        return _tensor(pictures, ctx.homes[0]), _tensor(alphas, ctx.homes[0])
 
     @staticmethod
     @once_differentiable
@@ -76,7 +77,7 @@ class _Rasterize(torch.autograd.Function):
             v_pictures = torch.zeros(ctx.shape)
         found = ctx.tape.backward(_array(v_pictures), _array(v_alphas))
         gradients = [
-            torch.from_numpy(found[name]).to(home) if needed else None
+            _tensor(found[name], home) if needed else None
             for name, home, needed in zip(_WITH_GRADIENTS, ctx.homes, ctx.needs_input_grad)
         ]
         return (*gradients, None, None, None, None, None)
@@ -84,9 +85,13 @@ class _Rasterize(torch.autograd.Function):
 
 def _array(tensor: Optional[Tensor]):
     """The tensor as a numpy array, C-contiguous, on the CPU: without a copy if it is so already."""
-    return None if tensor is None else tensor.detach().cpu().contiguous().numpy()
+    if tensor is None:
+        return None
+    # Few calls: after a rendering each costs a multiple, because PyTorch's code has left the caches.
+    return (tensor if tensor.is_contiguous() else tensor.contiguous()).numpy(force=True)
 
 
-def _tensor(array, like: Tensor) -> Tensor:
-    """The array as a tensor on the device of another, without a copy if that is the CPU."""
-    return torch.from_numpy(array).to(like.device)
+def _tensor(array, home: Optional[torch.device]) -> Tensor:
+    """The array as a tensor on a device, or without a copy in the CPU's memory."""
+    tensor = torch.from_numpy(array)
+    return tensor if home is None else tensor.to(home)
