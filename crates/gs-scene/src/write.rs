@@ -18,8 +18,8 @@ pub fn write_atomically(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::i
     write(path, false, fill)
 }
 
-/// As [`write_atomically`], and waits until the disk has the file and its name: what was written survives the end of the machine.
-/// This costs some milliseconds.
+/// As [`write_atomically`], and waits until the disk has the content before the file takes its name, and the name where the file system
+/// can: what was written survives the end of the machine. This costs some milliseconds.
 ///
 /// # Errors
 /// As [`write_atomically`].
@@ -61,9 +61,14 @@ fn write(path: &Path, durably: bool, fill: impl FnOnce(&mut dyn Write) -> std::i
             temporary.as_file().sync_all()?;
         }
         temporary.persist(&target)?;
-        // The name is the folder's; only Unix opens a folder as a file.
-        if cfg!(unix) && durably {
-            fs::File::open(folder)?.sync_all()?;
+        // The name is the folder's. Windows opens no folder as a file, a folder may be writable and not readable, and some file systems
+        // have no such call: the file is whole all the same.
+        if durably && let Ok(folder) = fs::File::open(folder) {
+            use std::io::ErrorKind::{InvalidInput, Unsupported};
+            let synced = folder.sync_all();
+            synced.or_else(|error| {
+                if matches!(error.kind(), InvalidInput | Unsupported) { Ok(()) } else { Err(error) }
+            })?;
         }
         Ok(())
     })();

@@ -25,7 +25,7 @@ const TOLERANCE_STEREO: f32 = 0.05;
 /// Old keyframes that a refinement compares beside the new one.
 const REFINED_WITH: usize = 2;
 /// Step sizes of a refinement over those of the looks of a forward pass, which see every place from several views; here most places are
-/// compared in one.
+/// compared in one. Found in docs/journal/2026-11-stream-steps.md, as [`LARGEST`].
 const REFINE_RATE: f32 = 0.45;
 /// Largest standard deviation of a Gaussian over its z-depth. Along a wall that is seen at a grazing angle a larger one reaches to where the
 /// camera goes next, and stands before what is there.
@@ -372,9 +372,12 @@ impl Mapper {
 /// Makes Gaussians narrower that are larger than [`LARGEST`] in the camera that they come from.
 fn limit_scales(gaussians: &mut Gaussians, camera: &Camera) {
     for row in gaussians.buffers_mut().0.chunks_exact_mut(Gaussians::GEOMETRY) {
-        let most = (LARGEST * camera.to_camera(mean(row)).z).ln() as f32;
-        // NaN, of what lies behind the camera, limits nothing.
-        row[LOG_SCALE].iter_mut().for_each(|scale| *scale = scale.min(most));
+        let z = camera.to_camera(mean(row)).z;
+        // Far from the origin, where f32 has gaps, what is near may lie in the camera's plane or behind it.
+        if z > 0.0 {
+            let most = (LARGEST * z).ln() as f32;
+            row[LOG_SCALE].iter_mut().for_each(|scale| *scale = scale.min(most));
+        }
     }
 }
 

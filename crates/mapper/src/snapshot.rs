@@ -166,7 +166,7 @@ impl Mapper {
 }
 
 impl Snapshot {
-    /// Writes it, whole or not at all: a reader finds the snapshot before or this one, also after the machine has failed.
+    /// Writes it, whole or not at all: a reader finds the snapshot before or this one. It is flushed to the disk.
     ///
     /// # Errors
     /// If the file cannot be written.

@@ -23,8 +23,8 @@ pub struct Config {
     /// gradient, s the size of this parameter's gradients, and t the typical size of its kind's. With 0 every parameter moves by its rate (Adam); the
     /// larger it is, the more a step is like plain gradient descent.
     pub damping: f32,
-    /// Largest standard deviation of a Gaussian over its z-depth in the nearest view: 1 is 90 degrees wide. What is larger at the start may
-    /// stay so.
+    /// Largest standard deviation of a Gaussian over its z-depth in the nearest view: 1 is 90 degrees wide. A Gaussian that
+    /// is larger at the start may stay larger.
     pub largest: f32,
     /// What is made small.
     pub loss: Loss,

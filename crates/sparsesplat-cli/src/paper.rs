@@ -26,7 +26,7 @@ use tradeoff::{Comparison, Extent, PaperTable, Summary, comparison_markdown, sta
     sparsesplat paper main --dataset nerfstudio --root data -o kept --lpips-weights vgg16-397923af.pth vgg.pth\n  \
     sparsesplat paper main --merge sweep                               from the points of a finished sweep\n  \
     sparsesplat paper mapping --stream room0.json office0.json         records of `stream --evaluate --json`\n\n\
-    A table states its views, their size, the seeds, and what was dropped and why.\n\
+    The tables of a sweep state their views, their size, the seeds, and what was dropped and why.\n\
     A window or point that fails is named with its reason, and the exit code is 1.")]
 pub(crate) struct Arguments {
     /// Tables to print
@@ -84,7 +84,7 @@ struct Record<'a> {
 
 /// The table of mapping systems. Nothing is measured for it.
 fn mapping(arguments: &Arguments, common: &Common) -> Outcome {
-    const MAPPING: [&str; 6] = ["tables", "stream", "markdown", "json", "threads", "device"];
+    const MAPPING: [&str; 4] = ["tables", "stream", "markdown", "json"];
     common.given.refuse_all_but(&MAPPING, "`mapping` measures nothing")?;
     let mapping = Mapping::read(&arguments.stream)?;
     let table = mapping.table();

@@ -32,7 +32,7 @@ use view_data::Format;
 ///
 /// INPUT is a data set whose frames have an order (nerfstudio, COLMAP, Replica, TUM RGB-D, ScanNet, DL3DV, RealEstate10K), a folder that
 /// another program fills (--watch), or `-` for standard input. Poses are given: nothing is tracked. A frame changes the map if it shows
-/// something that the map does not; a second round over the same path adds next to nothing.
+/// something that the map does not; a second round over the same path adds little.
 ///
 /// Ctrl-C writes the map and the snapshot, and ends the command; --resume goes on from the snapshot to the map of an uninterrupted run.
 #[derive(Debug, Args)]
@@ -140,6 +140,10 @@ enum DepthName {
 struct Record<'a> {
     recipe: Recipe<Config>,
     input: String,
+    /// Of the first frame.
+    size: [usize; 2],
+    /// How many frames came before this run; above 0 only after --resume.
+    first_frame: usize,
     frames: usize,
     keyframes: usize,
     waiting: usize,
@@ -151,6 +155,8 @@ struct Record<'a> {
     latency: Latency,
     measured: Option<&'a Measured>,
     interrupted: bool,
+    /// Why the stream ended before its end.
+    broken: Option<&'a str>,
     peak_rss_bytes: Option<u64>,
 }
 
@@ -218,6 +224,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut rows: Vec<Row> = Vec::new();
     let (mut bad, mut broken, mut unsaved) = (0, None, 0);
     let mut viewer = gs_raster::Rasterizer::cpu();
+    let mut size = [0; 2];
     loop {
         if interrupts.load(Ordering::SeqCst) {
             break;
@@ -255,6 +262,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
                 break;
             }
         };
+        if rows.is_empty() {
+            size = [frame.view.camera().width(), frame.view.camera().height()];
+        }
         let name = frame.view.name();
         if let Of::Refused(refusal) = &update.outcome {
             progress.warn(&format!("not used: frame {name}: {refusal}"));
@@ -308,11 +318,21 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         None
     };
     drop(progress);
-    finish(arguments, common, &mapper, &rows, bad, interrupted, measured.as_ref())?;
+    let ended = Ended { size, first_frame: skip, bad, interrupted, broken: broken.as_deref() };
+    finish(arguments, common, &mapper, &rows, &ended, measured.as_ref())?;
     match broken {
         Some(reason) => Err(Failure::work(format!("{reason}; the map of the frames before is written"))),
         None => Ok(()),
     }
+}
+
+/// How a stream ended, and what is known beside its frames.
+struct Ended<'a> {
+    size: [usize; 2],
+    first_frame: usize,
+    bad: usize,
+    interrupted: bool,
+    broken: Option<&'a str>,
 }
 
 /// Says what came of it, and writes the record.
@@ -321,10 +341,10 @@ fn finish(
     common: &Common,
     mapper: &Mapper,
     rows: &[Row],
-    bad: usize,
-    interrupted: bool,
+    ended: &Ended<'_>,
     measured: Option<&Measured>,
 ) -> Outcome {
+    let &Ended { size, first_frame, bad, interrupted, broken } = ended;
     let of = |is: fn(&Row) -> bool| rows.iter().filter(|row| is(row)).count();
     let (waiting, refused) = (of(|row| row.is_waiting), of(|row| row.is_refused));
     let latency = measure::latency(rows);
@@ -363,6 +383,8 @@ fn finish(
     let record = Record {
         recipe: crate::recipe(mapper.config().seed, *mapper.config()),
         input: place(arguments),
+        size,
+        first_frame,
         frames: rows.len() + bad,
         keyframes: mapper.keyframes(),
         waiting,
@@ -374,6 +396,7 @@ fn finish(
         latency,
         measured,
         interrupted,
+        broken,
         peak_rss_bytes: peak,
     };
     output::write_json(path, &record)

@@ -50,7 +50,8 @@ impl Kept {
                 let arrays = arrays.bind(py)?;
                 if fingerprint(&arrays.activated()?) != *drawn {
                     return Err(PyRuntimeError::new_err(
-                        "the arrays were changed after record, which does not copy them: call backward before, or give record copies",
+                        "the arrays were changed after record, which does not copy them: call backward before changing the arrays, or pass \
+                         copies to record",
                     ));
                 }
                 Ok(Held::Arrays(arrays))
@@ -69,8 +70,8 @@ impl Held<'_, '_> {
     }
 }
 
-/// A hash of some numbers of every array, in microseconds: 64 stretches of 16, and all of an array of up to 1024. A step of an optimiser changes it;
-/// a change of a few numbers of a large array may not.
+/// A hash of some numbers of every array, in microseconds: 64 stretches of 16, and all of an array of up to 1024. A step that changes all
+/// numbers changes it; one that changes a part of a large array may not.
 pub(crate) fn fingerprint(arrays: &Activated<'_>) -> u64 {
     const STRETCH: usize = 16;
     const STRETCHES: usize = 64;

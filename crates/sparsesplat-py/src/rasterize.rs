@@ -88,11 +88,13 @@ pub(crate) fn record<'py>(
     let request = Request::read("record", cameras, (width, height), settings.as_ref(), None)?;
     let arrays = Arrays::read(means, quats, scales, opacities, colors, sh_degree)?;
     let (activated, engine) = (arrays.activated()?, engine(py)?);
+    // Before the drawing: another thread of Python may change the arrays meanwhile.
+    let drawn_from = fingerprint(&activated);
     let recorded = engine::run_borrowing(py, request.is_one_piece(), |caller| {
         Recorded::draw(engine, caller, Numbers::Activated(activated), &request)
     })?;
     let (drawn, recorded) = recorded.or_raise()?;
-    let kept = Kept::InPlace(arrays.unbind(), fingerprint(&activated));
+    let kept = Kept::InPlace(arrays.unbind(), drawn_from);
     Tape::give(py, engine, request, (drawn, recorded, kept))
 }
 

@@ -173,6 +173,18 @@ def test_a_tape_reads_the_arrays_again_and_notices_changes():
     np.testing.assert_array_equal(tape.backward(v_colors)["means"], expected["means"])
 
 
+def test_a_change_that_is_not_seen_ends_well():
+    # Of large arrays a sample is compared, which begins with their first numbers.
+    arrays, views = scene(5000, sh_degree=2), cameras(1)
+    colors, _, _, tape = ss.record(**arrays, **views, sh_degree=2, device="cpu")
+    arrays["opacities"][30], arrays["scales"][70] = np.nan, 0
+    found = tape.backward(np.ones_like(colors))
+    assert found["means"].shape == (5000, 3)
+    arrays["opacities"] += 1e-3
+    with pytest.raises(RuntimeError, match="changed after record"):
+        tape.backward(np.ones_like(colors))
+
+
 def test_by_what_a_scene_stores():
     arrays, views = scene(10, sh_degree=2), cameras(2)
     stored = ss.Scene(**arrays, sh_degree=2)

@@ -78,7 +78,7 @@ pub struct Kept {
     metadata: Metadata,
 }
 
-/// Writes tensors with a header, whole or not at all.
+/// Writes tensors with a header, whole or not at all, and flushes them to the disk.
 ///
 /// # Errors
 /// If a tensor has not as many bytes as its shape says, or the file cannot be written.

@@ -83,24 +83,34 @@ const NOTES: [&str; 4] = [
     "The published figures are means over room0 to room2 and office0 to office4 of Replica, 1200x680. These systems find their cameras; ours are given.",
     "Frames, masks and networks differ: SplaTAM and GS-ICP SLAM leave out pixels without depth, MonoGS black ones. LPIPS is by AlexNet; Photo-SLAM \
      gives it colours from 0 to 1, the others from -1 to 1. SplaTAM's SSIM is multi-scale.",
-    "MonoGS prints a mean of 38.94 dB, SSIM 0.968, in its table 5. Its scenes of table 7 have the mean that stands here.",
-    "The paper of GS-ICP SLAM was not at hand: its row is from a survey and a summary that agree.",
+    "MonoGS prints a mean of 38.94 dB, SSIM 0.968, in its table 5. The row has the mean of the scenes in its table 7.",
+    "We did not have the paper of GS-ICP SLAM: its row is quoted from two secondary sources, which agree.",
 ];
+
+const NO_STREAM: &str =
+    "No stream was given: `stream REPLICA/room0 --evaluate --json room0.json`, then --stream room0.json.";
 
 /// What `stream --evaluate --json` wrote, as far as it is needed here.
 #[derive(Debug, Deserialize)]
 struct Stream {
     recipe: Recipe,
     input: String,
+    size: [usize; 2],
+    first_frame: usize,
+    frames: usize,
     gaussians: usize,
+    interrupted: bool,
+    broken: Option<String>,
     latency: Latency,
     measured: Option<Measured>,
 }
 
 #[derive(Debug, Deserialize)]
 struct Recipe {
+    git: String,
     threads: usize,
     machine: Machine,
+    config: mapper::Config,
 }
 
 #[derive(Debug, Deserialize)]
@@ -112,13 +122,14 @@ struct Machine {
 #[derive(Debug, Serialize)]
 struct Ours {
     inputs: Vec<String>,
-    /// Of the first stream.
     machine: String,
     gaussians: f64,
     /// Mean over the streams of the median latency of a keyframe, seconds.
     keyframe_seconds: f64,
-    mapped: Means,
-    between: Means,
+    /// None where no stream has such frames.
+    mapped: Option<Means>,
+    between: Option<Means>,
+    /// None where it is not known, or not the same for all.
     lpips_network: Option<String>,
 }
 
@@ -138,21 +149,27 @@ impl Mapping {
             let record: serde_json::Result<Stream> = serde_json::from_slice(&text);
             let what = || format!("{}: not a record of `stream --json`", path.display());
             let mut stream = record.with_context(what).or_input()?;
-            let measured = stream.measured.take().ok_or_else(|| {
-                Failure::input(format!(
-                    "{}: nothing was measured: run `stream` with --evaluate",
-                    path.display()
-                ))
-            })?;
+            let wrong = |rule: String| Failure::input(format!("{}: {rule}", path.display()));
+            if let Some(reason) = &stream.broken {
+                return Err(wrong(format!("the stream broke off: {reason}")));
+            }
+            if stream.interrupted || stream.first_frame > 0 {
+                return Err(wrong(
+                    "not the record of a whole stream: it was interrupted or resumed".to_owned(),
+                ));
+            }
+            let measured = stream.measured.take();
+            let measured = measured
+                .ok_or_else(|| wrong("nothing was measured: run `stream` with --evaluate".to_owned()))?;
             Ok((stream, measured))
         };
         let all = paths.iter().map(read).collect::<Outcome<Vec<_>>>()?;
         let ours = Ours::mean(&all);
         let mut notes: Vec<String> = NOTES.iter().map(|&note| note.to_owned()).collect();
-        notes.push(match &ours {
-            None => "No stream was given: `stream REPLICA/room0 --evaluate --json room0.json`, then --stream room0.json.".to_owned(),
-            Some(ours) => format!("Streams: {}.", ours.inputs.join(", ")),
-        });
+        notes.extend(all.iter().map(|(stream, _)| stream.note()));
+        if ours.is_none() {
+            notes.push(NO_STREAM.to_owned());
+        }
         Ok(Self { published: &PUBLISHED, ours, notes })
     }
 
@@ -173,6 +190,7 @@ impl Mapping {
         }
         let Some(ours) = &self.ours else { return table };
         for (frames, means) in [("keyframes", &ours.mapped), ("between keyframes", &ours.between)] {
+            let Some(means) = means else { continue };
             let lpips = match (&ours.lpips_network, means.lpips) {
                 (Some(network), Some(lpips)) => format!("{} ({network})", number(lpips, 3)),
                 _ => "-".to_owned(),
@@ -193,33 +211,83 @@ impl Mapping {
     }
 }
 
+impl Stream {
+    /// What the stream was.
+    fn note(&self) -> String {
+        let [width, height] = self.size;
+        let mapper::Config { cap, depth, tau, refine, seed, .. } = self.recipe.config;
+        let depth = match depth {
+            mapper::Depth::Measured => "measured depth",
+            mapper::Depth::Stereo => "stereo",
+        };
+        format!(
+            "{}: {} frames of {width}x{height}, {depth}, cap {}, tau {tau}, {refine} steps per keyframe, seed {seed}, commit {}.",
+            self.input,
+            self.frames,
+            count(cap as f64),
+            self.recipe.git
+        )
+    }
+
+    fn machine(&self) -> String {
+        let Recipe { threads, machine: Machine { cpu }, .. } = &self.recipe;
+        format!("{}, {threads} threads", cpu.as_deref().unwrap_or("CPU"))
+    }
+}
+
 impl Ours {
     fn mean(all: &[(Stream, Measured)]) -> Option<Self> {
-        let n = all.len() as f64;
-        let over = |of: &dyn Fn(&(Stream, Measured)) -> f64| all.iter().map(of).sum::<f64>() / n;
-        let means = |of: fn(&Measured) -> &Means| Means {
-            frames: all.iter().map(|(_, measured)| of(measured).frames).sum(),
-            psnr: over(&|(_, measured)| of(measured).psnr),
-            ssim: over(&|(_, measured)| of(measured).ssim),
-            // Where one stream has none, there is no mean.
-            lpips: Some(over(&|(_, measured)| of(measured).lpips.unwrap_or(f64::NAN)))
-                .filter(|mean| mean.is_finite()),
-            depth_l1: Some(over(&|(_, measured)| of(measured).depth_l1.unwrap_or(f64::NAN)))
-                .filter(|mean| mean.is_finite()),
-        };
         let (stream, first) = all.first()?;
-        let Recipe { threads, machine: Machine { cpu } } = &stream.recipe;
-        let machine = format!("{}, {threads} threads", cpu.as_deref().unwrap_or("CPU"));
+        let over = |of: &dyn Fn(&Stream) -> f64| {
+            all.iter().map(|(stream, _)| of(stream)).sum::<f64>() / all.len() as f64
+        };
+        let machine = stream.machine();
+        let is_one_machine = all.iter().all(|(stream, _)| stream.machine() == machine);
         let network = first.lpips_network.clone();
-        let is_one = all.iter().all(|(_, measured)| measured.lpips_network == network);
+        let is_one_network = all.iter().all(|(_, measured)| measured.lpips_network == network);
         Some(Self {
             inputs: all.iter().map(|(stream, _)| stream.input.clone()).collect(),
-            machine,
-            gaussians: over(&|(stream, _)| stream.gaussians as f64),
-            keyframe_seconds: over(&|(stream, _)| stream.latency.keyframe_median),
-            mapped: means(|measured| &measured.mapped),
-            between: means(|measured| &measured.between),
-            lpips_network: network.filter(|_| is_one),
+            machine: if is_one_machine { machine } else { "several".to_owned() },
+            gaussians: over(&|stream| stream.gaussians as f64),
+            keyframe_seconds: over(&|stream| stream.latency.keyframe_median),
+            mapped: mean(all.iter().map(|(_, measured)| &measured.mapped)),
+            between: mean(all.iter().map(|(_, measured)| &measured.between)),
+            lpips_network: network.filter(|_| is_one_network),
         })
+    }
+}
+
+/// The mean over streams that have such frames.
+fn mean<'a>(all: impl Iterator<Item = &'a Means>) -> Option<Means> {
+    let all: Vec<&Means> = all.filter(|means| means.frames > 0).collect();
+    let over = |of: fn(&Means) -> f64| all.iter().map(|means| of(means)).sum::<f64>() / all.len() as f64;
+    // Where one stream has none, there is no mean.
+    let if_all = |of: fn(&Means) -> Option<f64>| {
+        let values: Option<Vec<f64>> = all.iter().map(|means| of(means)).collect();
+        values.map(|values| values.iter().sum::<f64>() / values.len() as f64)
+    };
+    (!all.is_empty()).then(|| Means {
+        frames: all.iter().map(|means| means.frames).sum(),
+        psnr: over(|means| means.psnr),
+        ssim: over(|means| means.ssim),
+        lpips: if_all(|means| means.lpips),
+        depth_l1: if_all(|means| means.depth_l1),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mean_is_of_the_streams_that_have_such_frames() {
+        let of = |frames, psnr, lpips| Means { frames, psnr, ssim: psnr / 100.0, lpips, depth_l1: None };
+        let all = [of(3, 20.0, Some(0.2)), of(0, 0.0, None), of(5, 30.0, Some(0.4))];
+        let found = mean(all.iter()).unwrap();
+        assert_eq!((found.frames, found.psnr, found.ssim), (8, 25.0, 0.25));
+        assert!((found.lpips.unwrap() - 0.3).abs() < 1e-12 && found.depth_l1.is_none());
+        let found = mean([of(3, 20.0, Some(0.2)), of(1, 10.0, None)].iter()).unwrap();
+        assert_eq!((found.psnr, found.lpips), (15.0, None));
+        assert!(mean([of(0, 0.0, None)].iter()).is_none());
     }
 }

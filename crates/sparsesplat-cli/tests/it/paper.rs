@@ -99,11 +99,18 @@ fn mapping_systems_stand_beside_streams() {
     assert_eq!(table["ours"]["mapped"]["psnr"], of_stream["measured"]["mapped"]["psnr"]);
     assert_eq!(table["ours"]["inputs"].as_array().unwrap().len(), 2);
 
+    let note = "5 frames of 48x32, measured depth, cap 2 000";
+    assert!(table["notes"].to_string().contains(note), "{}", table["notes"]);
+    let mut resumed = of_stream.clone();
+    resumed["first_frame"] = 3.into();
+    let resumed_record = text(&file("resumed.json"));
+    fs::write(&resumed_record, resumed.to_string()).unwrap();
     fs::write(&other, "{}").unwrap();
     call(&[&stream[..], &[&map, "--json", &record]].concat()).succeeded();
     for (words, why) in [
         (vec!["mapping", "--stream", &other], "not a record of"),
         (vec!["mapping", "--stream", &record], "with --evaluate"),
+        (vec!["mapping", "--stream", &resumed_record], "not the record of a whole stream"),
         (vec!["mapping", "main"], "apart"),
         (vec!["mapping", "--scenes", "1"], "--scenes has no effect"),
         (vec!["frames", "--stream", &record], "--stream has no effect"),
