@@ -7,6 +7,7 @@
 use crate::{Config, Error, Exposure, ExposureGain, Result, Stage, Stages};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
+use std::borrow::Cow;
 
 /// The Gaussians after the looks that the configuration asks for beyond the head's; `exposure` is what brought each view into the common
 /// one.
@@ -29,12 +30,12 @@ fn rounds_of_steps(
     exposure: &[ExposureGain],
     (rounds, config): (usize, &Config),
 ) -> Result<Gaussians> {
-    let mut views = views.to_vec();
-    if config.exposure == Exposure::Common {
-        views.iter_mut().zip(exposure).for_each(|(view, exposure)| exposure.apply(view));
+    let differ = exposure.iter().any(|&view| view != ExposureGain::NONE);
+    let mut views = Cow::Borrowed(views);
+    if differ && config.exposure == Exposure::Common {
+        views.to_mut().iter_mut().zip(exposure).for_each(|(view, exposure)| exposure.apply(view));
     }
     // The order of the views is always the same: a pass that takes all pixels does not depend on a seed.
-    let differ = exposure.iter().any(|&view| view != ExposureGain::NONE);
     let settings = refine::Config { exposure: differ, ..refine::Config::rounds(rounds, views.len()) };
     let refined = refine::refine(gaussians, &views, &settings, &mut Rasterizer::cpu(), &mut |_| {});
     refined.map(|refined| refined.gaussians).map_err(|error| Error::Looks(Box::new(error)))
