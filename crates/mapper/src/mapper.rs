@@ -2,16 +2,16 @@
 
 use crate::compare::{Pixel, classify, wrong_colours};
 use crate::covisibility::Footprint;
-use crate::draw::{backdrop, draw};
+use crate::draw::{LARGEST, backdrop, draw};
 use crate::fuse::{Fused, Observation, error, fuse, inverse_depths, recolour};
 use crate::keyframes::{Keyframe, Keyframes};
 use crate::look::Look;
-use crate::map::{Map, mean};
+use crate::map::Map;
 use crate::room::make_room;
 use crate::{Config, Depth, Integrated, Outcome, Refusal, Result, Seen, Update, Waiting, bootstrap, stereo};
 use depth_backbone::{DepthBackbone, GivenDepth, ViewGeometry, Wanted};
 use gs_raster::{PixelGradients, Rasterizer, RenderSettings, near_plane};
-use gs_scene::{Camera, Gaussians, LOG_SCALE, View};
+use gs_scene::{Camera, Gaussians, View};
 use std::time::Instant;
 
 /// A frame may be so many typical depths away from the one before; beyond, its pose is taken for wrong.
@@ -27,9 +27,6 @@ const REFINED_WITH: usize = 2;
 /// Step sizes of a refinement over those of the looks of a forward pass, which see every place from several views; here most places are
 /// compared in one. Found in docs/journal/2026-11-stream-steps.md, as [`LARGEST`].
 const REFINE_RATE: f32 = 0.45;
-/// Largest standard deviation of a Gaussian over its z-depth. Along a wall that is seen at a grazing angle a larger one reaches to where the
-/// camera goes next, and stands before what is there.
-const LARGEST: f64 = 0.1;
 
 /// A posed frame.
 #[derive(Debug, Clone)]
@@ -239,7 +236,6 @@ impl Mapper {
         };
         let mut new = draw(view, geometry, range, &open, &self.config, most - back.len())?;
         new.append(&back);
-        limit_scales(&mut new, camera);
         let reduced = make_room(&mut self.map, new.len())?;
         self.map.append(&new, camera);
         self.recolour(view, new.len())?;
@@ -366,18 +362,6 @@ impl Mapper {
         geometry.copy_from_slice(refined.gaussians.geometry());
         sh.copy_from_slice(refined.gaussians.sh());
         Ok(())
-    }
-}
-
-/// Makes Gaussians narrower that are larger than [`LARGEST`] in the camera that they come from.
-fn limit_scales(gaussians: &mut Gaussians, camera: &Camera) {
-    for row in gaussians.buffers_mut().0.chunks_exact_mut(Gaussians::GEOMETRY) {
-        let z = camera.to_camera(mean(row)).z;
-        // Far from the origin, where f32 has gaps, what is near may lie in the camera's plane or behind it.
-        if z > 0.0 {
-            let most = (LARGEST * z).ln() as f32;
-            row[LOG_SCALE].iter_mut().for_each(|scale| *scale = scale.min(most));
-        }
     }
 }
 
