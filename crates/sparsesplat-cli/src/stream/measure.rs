@@ -229,6 +229,9 @@ fn batch(
 
 impl Means {
     fn line(&self, what: &str) -> String {
+        if self.frames == 0 {
+            return format!("{what:<10} no frames");
+        }
         let lpips = self.lpips.map_or_else(String::new, |lpips| format!(", LPIPS {lpips:.3}"));
         let depth = self.depth_l1.map_or_else(String::new, |l1| format!(", depth L1 {l1:.4}"));
         format!(
