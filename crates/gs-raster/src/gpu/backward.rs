@@ -3,7 +3,7 @@
 use super::context::Gpu;
 use super::forward::{Tape, ViewTape};
 use super::passes::StoredSums;
-use super::pool::Use;
+use super::pool::{Pooled, Use};
 use super::upload::Upload;
 use crate::{CameraGradient, Error, Gradients, PixelGradients, Result};
 use glam::{DMat3, DVec3};
@@ -11,7 +11,7 @@ use gs_scene::Camera;
 use gs_shaders::{PAIR_GRADS, PIXEL_GRADS, POSE_SUMS, WORKGROUP};
 
 impl Gpu {
-    /// Adds the derivatives of all views to `gradients`.
+    /// Puts the derivatives of all views into `gradients`, whose arrays have their lengths.
     pub(crate) fn backward(
         &mut self,
         tape: &Tape,
@@ -22,37 +22,48 @@ impl Gpu {
         if !self.pool.owns(&tape.upload.geometry) {
             return Err(Error::OtherDevice);
         }
-        // Zeroed by the upload, whatever was in the buffers before.
         let sums = StoredSums {
-            geometry: self.pool.storage(&gradients.geometry),
-            sh: self.pool.storage(&gradients.sh),
+            geometry: self.pool.take(Use::Storage, size_of_val(&gradients.geometry[..]) as u64),
+            sh: self.pool.take(Use::Storage, size_of_val(&gradients.sh[..]) as u64),
         };
-        for ((view, camera), pixels) in tape.views.iter().zip(cameras).zip(pixels) {
+        let mut recording = self.recording();
+        for sum in [&sums.geometry, &sums.sh] {
+            recording.encoder().clear_buffer(sum, 0, None);
+        }
+        self.submit(recording)?;
+        let mut poses = Vec::new();
+        for (view, pixels) in tape.views.iter().zip(pixels) {
             for (pixel, t) in pixels.image.chunks_exact(3).zip(&view.transmittance) {
                 for (background, v) in gradients.background.iter_mut().zip(pixel) {
                     *background += f64::from(*v) * f64::from(*t);
                 }
             }
-            gradients.cameras.push(self.view_backward(&tape.upload, view, camera, pixels, &sums)?);
+            poses.push(self.view_backward(&tape.upload, view, pixels, &sums)?);
         }
         let mut recording = self.recording();
         let staged = [&sums.geometry, &sums.sh].map(|buffer| self.stage(&mut recording, buffer));
         self.submit(recording)?;
-        let n = gradients.geometry.len();
-        gradients.geometry.copy_from_slice(&self.read::<f32>(&staged[0])?[..n]);
-        let n = gradients.sh.len();
-        gradients.sh.copy_from_slice(&self.read::<f32>(&staged[1])?[..n]);
-        Ok(())
+        for (pose, camera) in poses.iter().zip(cameras) {
+            let mut sums = [0.0; POSE_SUMS];
+            for group in self.read::<f32>(pose)?.chunks_exact(POSE_SUMS) {
+                for (sum, value) in sums.iter_mut().zip(group) {
+                    *sum += f64::from(*value);
+                }
+            }
+            gradients.cameras.push(camera_gradient(&sums, camera));
+        }
+        self.read_into(&staged[0], &mut gradients.geometry)?;
+        self.read_into(&staged[1], &mut gradients.sh)
     }
 
+    /// Submits the backward pass of a view, which adds to `sums`; gives the sums by its pose, staged. Nothing waits for the GPU.
     fn view_backward(
         &mut self,
         upload: &Upload,
         view: &ViewTape,
-        camera: &Camera,
         pixels: &PixelGradients,
         sums: &StoredSums,
-    ) -> Result<CameraGradient> {
+    ) -> Result<Pooled> {
         let pixel_grads = self.pool.storage(&pixel_gradients(view, pixels));
         let row = |numbers: usize| (numbers * size_of::<f32>()) as u64;
         let pair_grads = self.pool.take(Use::Storage, u64::from(view.n_pairs) * row(PAIR_GRADS));
@@ -64,13 +75,7 @@ impl Gpu {
         self.project_backward(&mut recording, upload, &view.buffers, &pair_grads, sums, &pose_sums);
         let staged = self.stage(&mut recording, &pose_sums);
         self.submit(recording)?;
-        let mut sums = [0.0; POSE_SUMS];
-        for group in self.read::<f32>(&staged)?.chunks_exact(POSE_SUMS) {
-            for (sum, value) in sums.iter_mut().zip(group) {
-                *sum += f64::from(*value);
-            }
-        }
-        Ok(camera_gradient(&sums, camera))
+        Ok(staged)
     }
 }
 

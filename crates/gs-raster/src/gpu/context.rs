@@ -1,9 +1,10 @@
 //! A device with its pipelines: dispatches entry points, submits, reads back.
 
 use super::adapter::{self, AdapterDescription, GpuOptions};
-use super::pool::{Pool, Pooled, Use};
+use super::pool::{CHUNK, Pool, Pooled, Use};
 use crate::{Error, Result};
 use gs_shaders::{Access, EntryPoint, Features, Pass};
+use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
@@ -41,8 +42,23 @@ pub enum PassBuffer<'a> {
 
 /// Commands that have not been submitted, and the buffers that they need until then.
 pub(super) struct Recording {
-    pub(super) encoder: wgpu::CommandEncoder,
+    encoder: wgpu::CommandEncoder,
+    /// Open as long as dispatches follow each other: a compute pass of its own for each would take longer to record than to run.
+    dispatches: Option<wgpu::ComputePass<'static>>,
     pub(super) keep: Vec<Pooled>,
+}
+
+impl Recording {
+    /// The encoder, for what is no dispatch.
+    pub(super) fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
+        self.dispatches = None;
+        &mut self.encoder
+    }
+
+    fn dispatches(&mut self) -> &mut wgpu::ComputePass<'static> {
+        self.dispatches
+            .get_or_insert_with(|| self.encoder.begin_compute_pass(&Default::default()).forget_lifetime())
+    }
 }
 
 impl Gpu {
@@ -128,7 +144,7 @@ impl Gpu {
             });
         }
         let mut recording = self.recording();
-        let bound: Vec<Option<&Pooled>> = given.iter().map(Option::as_ref).collect();
+        let bound: Vec<_> = given.iter().map(|buffer| buffer.as_ref().map(Pooled::whole)).collect();
         self.dispatch(&mut recording, pass, entry_point, features, groups, &bound);
         let mut staged = Vec::new();
         for (binding, buffer) in pass.bindings.iter().zip(&given) {
@@ -160,7 +176,8 @@ impl Gpu {
     }
 
     pub(super) fn recording(&self) -> Recording {
-        Recording { encoder: self.device.create_command_encoder(&Default::default()), keep: Vec::new() }
+        let encoder = self.device.create_command_encoder(&Default::default());
+        Recording { encoder, dispatches: None, keep: Vec::new() }
     }
 
     /// Records one dispatch. `buffers` are those of the pass, by number; those that the entry point does not use are not
@@ -172,7 +189,7 @@ impl Gpu {
         entry_point: &str,
         features: Features,
         groups: [u32; 2],
-        buffers: &[Option<&Pooled>],
+        buffers: &[Option<wgpu::BufferBinding<'_>>],
     ) {
         if groups.contains(&0) {
             return;
@@ -183,13 +200,9 @@ impl Gpu {
             .bindings
             .iter()
             .map(|&number| {
-                let buffer =
-                    buffers[number as usize].expect("every buffer that an entry point uses is given");
-                let size = std::num::NonZeroU64::new(buffer.bytes());
-                wgpu::BindGroupEntry {
-                    binding: number,
-                    resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size }),
-                }
+                let buffer = buffers[number as usize].clone();
+                let buffer = buffer.expect("every buffer that an entry point uses is given");
+                wgpu::BindGroupEntry { binding: number, resource: wgpu::BindingResource::Buffer(buffer) }
             })
             .collect();
         let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -197,10 +210,7 @@ impl Gpu {
             layout: &pipeline.layout,
             entries: &entries,
         });
-        let mut compute = recording.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(entry_point.name),
-            timestamp_writes: None,
-        });
+        let compute = recording.dispatches();
         compute.set_pipeline(&pipeline.pipeline);
         compute.set_bind_group(0, &group, &[]);
         compute.dispatch_workgroups(groups[0], groups[1], 1);
@@ -269,17 +279,33 @@ impl Gpu {
     /// Records a copy of a buffer to where the CPU can read it after submission.
     pub(super) fn stage(&self, recording: &mut Recording, buffer: &Pooled) -> Pooled {
         let staged = self.pool.take(Use::Readback, buffer.bytes());
-        recording.encoder.copy_buffer_to_buffer(buffer, 0, &staged, 0, buffer.bytes());
+        recording.encoder().copy_buffer_to_buffer(buffer, 0, &staged, 0, buffer.bytes());
         staged
     }
 
     pub(super) fn submit(&self, recording: Recording) -> Result<()> {
-        self.queue.submit([recording.encoder.finish()]);
+        let Recording { encoder, dispatches, keep: _keep } = recording;
+        drop(dispatches);
+        self.queue.submit([encoder.finish()]);
         self.failed()
     }
 
     /// What is in a staged buffer, once the GPU is done.
     pub(super) fn read<T: bytemuck::Pod>(&self, staged: &Pooled) -> Result<Vec<T>> {
+        self.read_with(staged, bytemuck::pod_collect_to_vec)
+    }
+
+    /// Puts what is in a staged buffer into `numbers`, once the GPU is done: straight from where the GPU wrote it, on all threads.
+    pub(super) fn read_into(&self, staged: &Pooled, numbers: &mut [f32]) -> Result<()> {
+        let numbers: &mut [u8] = bytemuck::cast_slice_mut(numbers);
+        self.read_with(staged, |bytes| {
+            let parts = numbers.par_chunks_mut(CHUNK).zip(bytes.par_chunks(CHUNK));
+            parts.for_each(|(numbers, bytes)| numbers.copy_from_slice(&bytes[..numbers.len()]));
+        })
+    }
+
+    /// Shows what is in a staged buffer, once the GPU is done.
+    pub(super) fn read_with<R>(&self, staged: &Pooled, look: impl FnOnce(&[u8]) -> R) -> Result<R> {
         let (send, receive) = mpsc::channel();
         staged.map_async(wgpu::MapMode::Read, 0..staged.bytes(), move |result| {
             // Nobody listens only if polling failed, which is reported below.
@@ -291,10 +317,10 @@ impl Gpu {
         let lost = || Error::DeviceLost { adapter: self.about.name.clone() };
         receive.recv().map_err(|_| lost())?.map_err(|_| lost())?;
         let view = staged.get_mapped_range(0..staged.bytes()).map_err(|_| lost())?;
-        let data = bytemuck::pod_collect_to_vec(&view);
+        let found = look(&view);
         drop(view);
         staged.unmap();
-        Ok(data)
+        Ok(found)
     }
 
     /// An error if anything failed that no call returned.

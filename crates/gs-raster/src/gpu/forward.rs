@@ -10,6 +10,7 @@ use gs_shaders::{
     Counts, Drawing, Features, Frame, GRID_MAX, N_PAIRS, PAIR_GRADS, PIXEL_GRADS, REJECTED, Source, TILE,
     VISIBLE, View, WORKGROUP,
 };
+use rayon::prelude::*;
 use std::collections::HashMap;
 use std::time::Instant;
 
@@ -143,9 +144,8 @@ impl Gpu {
         let staged = ["counters", "pixels"].map(|name| self.stage(&mut recording, buffers.get(name)));
         self.submit(recording)?;
         let counters: Vec<u32> = self.read(&staged[0])?;
-        let pixels: Vec<f32> = self.read(&staged[1])?;
-
-        let (mut rendering, transmittance, weight) = picture(camera, settings, &counters, &pixels)?;
+        let found = self.read_with(&staged[1], |pixels| picture(camera, settings, &counters, pixels))?;
+        let (mut rendering, transmittance, weight) = found?;
         rendering.stats.seconds.gpu = start.elapsed().as_secs_f64();
         let tape = train.then(|| ViewTape {
             buffers: buffers.keeping(&OF_TAPE),
@@ -207,13 +207,22 @@ fn picture(
     camera: &Camera,
     settings: &RenderSettings,
     counters: &[u32],
-    pixels: &[f32],
+    pixels: &[u8],
 ) -> Result<(Rendering, Vec<f32>, Option<Vec<f32>>)> {
     let (width, height) = (camera.width(), camera.height());
     let n = width * height;
-    let (colours, depths) = pixels.split_at(4 * n);
-    let rgb = colours.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
-    let transmittance: Vec<f32> = colours.chunks_exact(4).map(|pixel| pixel[3]).collect();
+    let (colours, depths) = pixels.split_at(n * size_of::<[f32; 4]>());
+    let mut rgb = vec![0.0; 3 * n];
+    let mut transmittance = vec![0.0; n];
+    let rows = rgb.par_chunks_mut(3 * width).zip(transmittance.par_chunks_mut(width));
+    rows.zip(colours.par_chunks(width * size_of::<[f32; 4]>())).for_each(|((rgb, transmittance), row)| {
+        let pixels = rgb.as_chunks_mut().0.iter_mut().zip(transmittance);
+        for ((rgb, transmittance), pixel) in pixels.zip(row.chunks_exact(size_of::<[f32; 4]>())) {
+            let [r, g, b, t]: [f32; 4] = bytemuck::pod_read_unaligned(pixel);
+            (*rgb, *transmittance) = ([r, g, b], t);
+        }
+    });
+    let depths: Vec<f32> = bytemuck::pod_collect_to_vec(depths);
     let (depth, weight) = if settings.depth {
         let (weights, sums) = depths.split_at(n);
         let depth = weights.iter().zip(sums).map(|(&w, &sum)| if w > 0.0 { sum / w } else { 0.0 }).collect();

@@ -1,5 +1,7 @@
 //! A pool of buffers, which are reused by the next frame.
 
+use rayon::prelude::*;
+use std::num::NonZeroU64;
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -13,6 +15,9 @@ pub(super) enum Use {
     /// Copied to, and read by the CPU.
     Readback,
 }
+
+/// Bytes that a thread copies at a time: one thread does not reach the bandwidth of the memory.
+pub(super) const CHUNK: usize = 1 << 18;
 
 /// Free buffers that are kept at most; the oldest goes first.
 const FREE_MAX: usize = 64;
@@ -86,11 +91,21 @@ impl Pool {
         Arc::ptr_eq(&self.free, &buffer.home)
     }
 
-    /// A storage buffer with `data` in it.
+    /// A storage buffer with `data` in it, copied on all threads.
     pub(super) fn storage<T: bytemuck::Pod>(&self, data: &[T]) -> Pooled {
         let buffer = self.take(Use::Storage, size_of_val(data) as u64);
-        if !data.is_empty() {
-            self.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(data));
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        // Where a buffer cannot be written the device has told so, and the next submission fails.
+        let view = NonZeroU64::new(bytes.len() as u64)
+            .and_then(|size| self.queue.write_buffer_with(&buffer, 0, size));
+        if let Some(mut view) = view {
+            let (parts, mut rest) = view.slice(..).into_chunks::<CHUNK>();
+            let (chunks, others) = bytes.as_chunks::<CHUNK>();
+            let parts: Vec<_> = parts.into_iter().zip(chunks).collect();
+            parts
+                .into_par_iter()
+                .for_each(|(part, chunk)| wgpu::WriteOnly::from(part).copy_from_slice(chunk));
+            rest.copy_from_slice(others);
         }
         buffer
     }
@@ -101,12 +116,43 @@ impl Pool {
         self.queue.write_buffer(&buffer, 0, bytemuck::bytes_of(data));
         buffer
     }
+
+    /// A uniform buffer with `rows` in it, written at once.
+    pub(super) fn uniform_rows(&self, rows: &[[u32; 4]]) -> UniformRows {
+        let stride = u64::from(self.device.limits().min_uniform_buffer_offset_alignment);
+        let mut bytes = vec![0; rows.len() * stride as usize];
+        for (place, row) in bytes.chunks_exact_mut(stride as usize).zip(rows) {
+            place[..size_of_val(row)].copy_from_slice(bytemuck::bytes_of(row));
+        }
+        let buffer = self.take(Use::Uniform, bytes.len() as u64);
+        self.queue.write_buffer(&buffer, 0, &bytes);
+        UniformRows { buffer, stride }
+    }
+}
+
+/// Rows of a uniform buffer, each where a binding may begin.
+pub(super) struct UniformRows {
+    pub(super) buffer: Pooled,
+    stride: u64,
+}
+
+impl UniformRows {
+    /// One row.
+    pub(super) fn row(&self, row: usize) -> wgpu::BufferBinding<'_> {
+        let size = NonZeroU64::new(size_of::<[u32; 4]>() as u64);
+        wgpu::BufferBinding { buffer: &self.buffer, offset: row as u64 * self.stride, size }
+    }
 }
 
 impl Pooled {
     /// Bytes asked for.
     pub(super) fn bytes(&self) -> u64 {
         self.bytes
+    }
+
+    /// What was asked for, as a binding.
+    pub(super) fn whole(&self) -> wgpu::BufferBinding<'_> {
+        wgpu::BufferBinding { buffer: &self.buffer, offset: 0, size: NonZeroU64::new(self.bytes) }
     }
 }
 

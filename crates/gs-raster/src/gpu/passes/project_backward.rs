@@ -24,18 +24,19 @@ impl Gpu {
         sums: &StoredSums,
         pose_sums: &Pooled,
     ) {
-        recording.encoder.clear_buffer(pose_sums, 0, None);
+        recording.encoder().clear_buffer(pose_sums, 0, None);
         let buffers = [
-            Some(view.get("frame")),
-            Some(&upload.geometry),
-            Some(&upload.sh),
-            Some(view.get("order")),
-            Some(view.get("offsets")),
-            Some(pair_grads),
-            Some(&sums.geometry),
-            Some(&sums.sh),
-            Some(pose_sums),
-        ];
+            view.get("frame"),
+            &upload.geometry,
+            &upload.sh,
+            view.get("order"),
+            view.get("offsets"),
+            pair_grads,
+            &sums.geometry,
+            &sums.sh,
+            pose_sums,
+        ]
+        .map(|buffer| Some(buffer.whole()));
         let groups = folded(upload.n.div_ceil(WORKGROUP));
         self.dispatch(recording, &PROJECT_BACKWARD, "project_backward", view.features, groups, &buffers);
     }

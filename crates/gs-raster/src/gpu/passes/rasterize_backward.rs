@@ -15,17 +15,18 @@ impl Gpu {
         pair_grads: &Pooled,
         by_depth: bool,
     ) {
-        recording.encoder.clear_buffer(pair_grads, 0, None);
+        recording.encoder().clear_buffer(pair_grads, 0, None);
         let buffers = [
-            Some(view.get("frame")),
-            Some(view.get("splats")),
-            Some(view.get("pair_splats")),
-            Some(view.get("pair_index")),
-            Some(view.get("ranges")),
-            Some(view.get("ends")),
-            Some(pixel_grads),
-            Some(pair_grads),
-        ];
+            view.get("frame"),
+            view.get("splats"),
+            view.get("pair_splats"),
+            view.get("pair_index"),
+            view.get("ranges"),
+            view.get("ends"),
+            pixel_grads,
+            pair_grads,
+        ]
+        .map(|buffer| Some(buffer.whole()));
         let (pass, tiles) = (&RASTERIZE_BACKWARD, view.frame.tiles);
         let features = Features { depth: by_depth, ..view.features };
         self.dispatch(recording, pass, "rasterize_backward", features, tiles, &buffers);

@@ -15,22 +15,28 @@ impl Gpu {
         upload: &Upload,
         buffers: &mut Buffers,
     ) {
-        for command in view.commands.iter().filter(|command| command.applies(counts.tiles)) {
+        let commands = || view.commands.iter().filter(|command| command.applies(counts.tiles));
+        // The words of all dispatches in one buffer, which is written once.
+        let mut words: Vec<[u32; 4]> =
+            commands().filter_map(|command| words(&command.action, counts)).collect();
+        words.sort_unstable();
+        words.dedup();
+        let written = self.pool.uniform_rows(&words);
+        for command in commands() {
             match &command.action {
-                Action::Clear(name) => recording.encoder.clear_buffer(buffers.get(name), 0, None),
+                Action::Clear(name) => recording.encoder().clear_buffer(buffers.get(name), 0, None),
                 Action::Swap(a, b) => buffers.swap(a, b),
                 Action::Dispatch { pass, entry_point, arguments, groups } => {
-                    let words = arguments.iter().flatten().find_map(|argument| match argument {
-                        Argument::Words(words) => Some(self.pool.uniform(&words_of(words, counts))),
-                        Argument::Buffer(_) => None,
-                    });
                     let bound: Vec<_> = arguments
                         .iter()
                         .map(|argument| match argument.as_ref()? {
-                            Argument::Words(_) => words.as_ref(),
-                            Argument::Buffer("geometry") => Some(&upload.geometry),
-                            Argument::Buffer("sh") => Some(&upload.sh),
-                            Argument::Buffer(name) => Some(buffers.get(name)),
+                            Argument::Words(of) => {
+                                let row = words.binary_search(&words_of(of, counts)).expect("all words");
+                                Some(written.row(row))
+                            }
+                            Argument::Buffer("geometry") => Some(upload.geometry.whole()),
+                            Argument::Buffer("sh") => Some(upload.sh.whole()),
+                            Argument::Buffer(name) => Some(buffers.get(name).whole()),
                         })
                         .collect();
                     let groups = match groups {
@@ -38,11 +44,20 @@ impl Gpu {
                         Groups::Tiles => buffers.frame.tiles,
                     };
                     self.dispatch(recording, pass, entry_point, view.features, groups, &bound);
-                    recording.keep.extend(words);
                 }
             }
         }
+        recording.keep.push(written.buffer);
     }
+}
+
+/// The words of a dispatch, if it has any.
+fn words(action: &Action, counts: &Counts) -> Option<[u32; 4]> {
+    let Action::Dispatch { arguments, .. } = action else { return None };
+    arguments.iter().flatten().find_map(|argument| match argument {
+        Argument::Words(words) => Some(words_of(words, counts)),
+        Argument::Buffer(_) => None,
+    })
 }
 
 fn words_of(words: &[Word; 4], counts: &Counts) -> [u32; 4] {
