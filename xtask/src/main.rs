@@ -188,7 +188,16 @@ const CI: [Step; 14] = [
     Step::Check("speed under every set", sets::guard),
     Step::Cargo(
         "test without rayon and serde",
-        &["test", "--package", "knn", "--package", "entropy-sampler", "--no-default-features"],
+        &[
+            "test",
+            "--package",
+            "knn",
+            "--package",
+            "entropy-sampler",
+            "--package",
+            "covisibility",
+            "--no-default-features",
+        ],
         &SAME_CASES,
     ),
     // What needs no candle, and what else is compiled without it.
@@ -227,6 +236,8 @@ const CI: [Step; 14] = [
             "entropy-sampler",
             "--package",
             "backproject",
+            "--package",
+            "covisibility",
         ],
         &[],
     ),
