@@ -24,15 +24,15 @@ use crate::{ImportanceMap, Probability, parallel};
 const ONE: u32 = 1 << Thresholds::BITS;
 
 /// Chosen pixels of each view, ascending. `count`, if one was asked for, is exact; `systematic` and `thresholds` (by
-/// view) are the random numbers.
+/// view) are the random numbers. Without thresholds Q is P: systematic sampling alone.
 pub(crate) fn draw(
     maps: &[ImportanceMap],
     probability: &Probability,
     count: Option<usize>,
     systematic: Stream,
-    thresholds: impl Fn(usize) -> Thresholds + Sync + Send,
+    thresholds: impl Fn(usize) -> Option<Thresholds> + Sync + Send,
 ) -> Vec<Vec<u32>> {
-    let mut lengths = parallel::map(maps.len(), |view| dithered(&maps[view], probability, thresholds(view)));
+    let mut lengths = parallel::map(maps.len(), |view| lengths(&maps[view], probability, thresholds(view)));
     if let Some(count) = count {
         close_rounding_gap(&mut lengths, maps, count);
     }
@@ -70,7 +70,11 @@ pub(crate) fn draw(
 }
 
 /// Q of each pixel, in units of 1 / [`ONE`].
-fn dithered(map: &ImportanceMap, probability: &Probability, thresholds: Thresholds) -> Vec<u32> {
+fn lengths(map: &ImportanceMap, probability: &Probability, thresholds: Option<Thresholds>) -> Vec<u32> {
+    let Some(thresholds) = thresholds else {
+        let p = |(pixel, &value)| probability.of(value, map.weight(pixel));
+        return map.values().iter().enumerate().map(p).map(|p| (p * f64::from(ONE) + 0.5) as u32).collect();
+    };
     let width = map.width();
     let one = f64::from(ONE);
     let mut lengths = vec![0u32; map.values().len()];

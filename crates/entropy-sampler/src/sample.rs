@@ -12,7 +12,7 @@ pub enum Budget {
     Tau(f64),
 }
 
-/// How pixels are drawn. Both give every pixel the same probability.
+/// How pixels are drawn. All give every pixel the same probability.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Sampler {
@@ -22,6 +22,9 @@ pub enum Sampler {
     Fixed,
     /// Independent draws, the paper's: the count varies around the budget.
     Bernoulli,
+    /// In an exact number, one after the other along a Hilbert curve. Where pixels are alike, every aligned cell of 2x2 pixels, of 4x4 and
+    /// so on holds as many as every other, or one more.
+    Systematic,
 }
 
 /// Chosen pixels.
@@ -59,7 +62,7 @@ impl Samples {
 
 /// Chooses pixels of several views together. The same input and seed give the same pixels on any number of threads.
 ///
-/// With [`Budget::Count`], [`Sampler::Fixed`] returns exactly that many pixels, or every pixel of weight above 0 if
+/// With [`Budget::Count`], all but [`Sampler::Bernoulli`] return exactly that many pixels, or every pixel of weight above 0 if
 /// they are fewer.
 ///
 /// # Errors
@@ -129,7 +132,11 @@ impl Draw {
         let thresholds = |view| Thresholds::new(stream(THRESHOLDS, view));
         let pixels = match self.sampler {
             Sampler::Fixed => {
-                fixed::draw(maps, &self.probability, self.count, stream(SYSTEMATIC, 0), thresholds)
+                let dither = |view| Some(thresholds(view));
+                fixed::draw(maps, &self.probability, self.count, stream(SYSTEMATIC, 0), dither)
+            }
+            Sampler::Systematic => {
+                fixed::draw(maps, &self.probability, self.count, stream(SYSTEMATIC, 0), |_| None)
             }
             Sampler::Bernoulli => parallel::map(maps.len(), |view| {
                 let (map, draws) = (&maps[view], stream(INDEPENDENT, view));
@@ -147,7 +154,7 @@ impl Draw {
                     Sampler::Bernoulli => uniform / p,
                     Sampler::Fixed if threshold < p => threshold / p,
                     // Not chosen by the thresholds, but for the exact count: at any place.
-                    Sampler::Fixed => uniform,
+                    Sampler::Fixed | Sampler::Systematic => uniform,
                 };
                 share as f32
             };

@@ -1,31 +1,41 @@
 //! `ablate`: the paper's ablations, each row trained alike.
 
+mod compare;
+mod measure;
+mod rows;
+
 use crate::arguments::{Common, LpipsWeights, gaussians, positive, scenes, seeds, size};
 use crate::failure::{Failure, OrFail, Outcome};
-use crate::progress::{Progress, describe};
 use crate::source::simulated;
 use crate::summary::{print, print_line, warn};
 use crate::train::{Data, Run, SAVE_EVERY, config};
 use crate::{device, output};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
-use evaluate::{Event, Lpips, Method, Recipe, Runner, Spread, evaluate};
+use compare::{ByWindow, Difference, Verdict, difference};
+use evaluate::Recipe;
+use measure::{Measure, Scores, Set};
 use report_parts::{Table, lpips_column, number};
-use scene_windows::{Dropped, GeometryCache, Plan, Reading, Windows};
+use rows::{Row, What, folder_of};
+use scene_windows::{Dropped, Plan, Reading, Windows};
 use serde::Serialize;
-use sparsesplat::{Allocation, Budget, Head};
+use sparsesplat::learned::Parametrisation;
+use sparsesplat::{Allocation, Head, Sampler};
 use std::path::PathBuf;
 use train::{Config, Ranks, Trainer};
 
 /// Repeat the paper's ablations: train every row alike and measure it on unseen views
 ///
-/// Rows are trained one after the other into --output and resume after an interruption. The paper's figures stand beside ours; they come from another
-/// data set and some hundred times the training, so compare the order.
+/// Rows are trained one after the other into --output and resume after an interruption; --shard shares them out among processes or machines. Each row
+/// is compared with the paper's method on the same windows: its difference with a 95 % interval over scenes, and whether the two can be told apart.
+/// The paper's figures stand beside ours; they come from another data set and some hundred times the training, so compare the order.
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat ablate head -o ablation --steps 1000\n  \
     sparsesplat ablate head -o ablation --rows attention,mlp --training-seeds 0,1,2\n  \
-    sparsesplat ablate neighbours -o ablation --steps 1000 --photographs data --json neighbours.json\n\n\
+    sparsesplat ablate neighbours -o ablation --steps 1000 --photographs data --json neighbours.json\n  \
+    sparsesplat ablate sampling -o ablation --shard 1/4                          the second of four processes; without --shard, when all\n  \
+    \x20                                                                            are done, the whole table\n\n\
     Equal rows of different ablations are trained once: they share a folder in --output.")]
 pub(crate) struct Arguments {
     /// Ablation to run
@@ -43,6 +53,12 @@ pub(crate) struct Arguments {
     /// Training steps per row [default: that of the settings]
     #[arg(long, value_name = "N", value_parser = positive)]
     steps: Option<usize>,
+    /// What the outputs of the heads mean [default: that of the settings]
+    #[arg(long, value_enum)]
+    parametrisation: Option<ParametrisationName>,
+    /// Only the rows of one of N processes, I from 0
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    shard: Option<(usize, usize)>,
     /// Training seeds; each gets its own row
     #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "0")]
     training_seeds: Vec<u64>,
@@ -67,85 +83,61 @@ pub(crate) struct Arguments {
     data: Data,
 }
 
-/// What is varied.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
-#[serde(rename_all = "kebab-case")]
-enum What {
-    /// Choice of pixels: entropy, random, Laplacian
-    Sampling,
-    /// Number of neighbours: 0, 5, 10, 20, 30
-    Neighbours,
-    /// Kind of head: edge convolution, MLP, max pooling, attention
-    Head,
+/// What `--parametrisation` takes.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum ParametrisationName {
+    /// Changes of the closed form
+    Correction,
+    /// All attributes, as in the paper
+    Paper,
 }
 
-/// A row: its name, how it differs, and the paper's PSNR, SSIM and LPIPS (none where its training failed).
-struct Row {
-    name: &'static str,
-    vary: fn(&mut Config),
-    paper: Option<[f64; 3]>,
-}
-
-impl What {
-    fn rows(self) -> Vec<Row> {
-        let row = |name, paper, vary| Row { name, vary, paper };
-        match self {
-            Self::Sampling => vec![
-                row("entropy", Some([22.36, 0.718, 0.262]), |c| c.allocation = Allocation::Entropy),
-                row("random", Some([21.50, 0.696, 0.288]), |c| c.allocation = Allocation::Random),
-                row("laplacian", Some([21.95, 0.705, 0.267]), |c| c.allocation = Allocation::Laplacian),
-            ],
-            Self::Neighbours => vec![
-                row("K=0", Some([21.53, 0.683, 0.291]), |c| c.neighbours = 0),
-                row("K=5", Some([22.23, 0.713, 0.267]), |c| c.neighbours = 5),
-                row("K=10", Some([22.34, 0.717, 0.264]), |c| c.neighbours = 10),
-                row("K=20", Some([22.36, 0.718, 0.262]), |c| c.neighbours = 20),
-                row("K=30", Some([22.38, 0.718, 0.261]), |c| c.neighbours = 30),
-            ],
-            Self::Head => vec![
-                row("edge-conv", Some([20.78, 0.664, 0.329]), |c| c.head = Kind::EdgeConv),
-                row("mlp", Some([21.47, 0.683, 0.299]), |c| c.head = Kind::Mlp),
-                row("max-pool", None, |c| c.head = Kind::MaxPool),
-                row("attention", Some([22.36, 0.718, 0.263]), |c| c.head = Kind::Attention),
-            ],
-        }
-    }
-}
-
-impl Arguments {
-    /// The rows that are asked for.
-    fn wanted(&self) -> Outcome<Vec<Row>> {
-        let mut rows = self.what.rows();
-        let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
-        if let Some(unknown) = self.rows.iter().find(|asked| !names.contains(&asked.as_str())) {
-            let names = names.join(", ");
-            return Err(Failure::input(format!("--rows: there is no {unknown}, but {names}")));
-        }
-        rows.retain(|row| self.rows.is_empty() || self.rows.iter().any(|asked| asked == row.name));
-        Ok(rows)
-    }
+/// `I/N`, I below N.
+fn shard(text: &str) -> Result<(usize, usize), String> {
+    let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    parsed
+        .filter(|(i, n): &(usize, usize)| i < n)
+        .ok_or_else(|| "expected I/N with I from 0 to N - 1, such as 0/4".to_owned())
 }
 
 /// A row as measured on one set of scenes.
 #[derive(Serialize)]
 struct Measured {
-    row: String,
+    row: &'static str,
     training_seed: u64,
     scenes: &'static str,
     head: Kind,
+    parametrisation: Parametrisation,
     neighbours: usize,
+    covisible: usize,
     allocation: Allocation,
+    sampler: Sampler,
     steps: usize,
     steps_skipped: usize,
     gaussians: f64,
     psnr_held_out: f64,
     ssim_held_out: f64,
     lpips_held_out: Option<f64>,
-    spread: Option<Spread>,
+    /// Standard deviation over the sampling seeds, dB.
+    psnr_spread: Option<f64>,
     psnr_closed_form: f64,
+    psnr_by_window: ByWindow,
     psnr_paper: Option<f64>,
     ssim_paper: Option<f64>,
     lpips_paper: Option<f64>,
+}
+
+/// A row against the paper's method, on one set of scenes.
+#[derive(Serialize)]
+struct Compared {
+    row: &'static str,
+    reference: &'static str,
+    scenes: &'static str,
+    #[serde(flatten)]
+    difference: Difference,
+    psnr_difference_paper: Option<f64>,
+    /// Whether our difference confirms the paper's: `confirmed`, `contradicted`, `cannot be told`, or `-` where the paper has none.
+    claim_of_paper: &'static str,
 }
 
 /// What `--json` writes.
@@ -156,6 +148,7 @@ struct Record<'a, C> {
     /// The network of LPIPS; the paper's is VGG16.
     lpips_network: Option<&'static str>,
     rows: &'a [Measured],
+    compared: &'a [Compared],
     dropped: &'a [Dropped],
 }
 
@@ -166,13 +159,20 @@ struct Settings<'a> {
     training: &'a Config,
     seeds: &'a [u64],
     gaussians: usize,
+    shard: Option<(usize, usize)>,
     data_sha256: &'a str,
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    let wanted = arguments.wanted()?;
+    let wanted = arguments.what.wanted(&arguments.rows)?;
     let mut base = config(arguments.config.as_deref())?;
     base.steps = arguments.steps.unwrap_or(base.steps);
+    if let Some(name) = arguments.parametrisation {
+        base.parametrisation = match name {
+            ParametrisationName::Correction => Parametrisation::Correction,
+            ParametrisationName::Paper => Parametrisation::Paper,
+        };
+    }
     if base.steps == 0 {
         return Err(Failure::input(
             "the settings say steps: 0, and heads that were not trained do not compare: give --steps N",
@@ -184,53 +184,55 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let held_out = 0..arguments.evaluation_scenes as u64;
     arguments.data.keep_unseen(&held_out, "measured")?;
     let cases = arguments.data.cases(&arguments.data.sources(&common.given)?)?;
-    let mut sets = vec![("simulated", simulated(held_out, arguments.evaluation_size))];
     let mut dropped = Vec::new();
-    if let Some(root) = &arguments.photographs {
-        let reading = Reading { format: None, size: None, depth_hint: true };
-        let (plans, unread) = Plan::below(root, Windows { views: 6, along: None, index: true }, reading)
-            .map_err(Failure::sorted)?;
-        sets.push(("photographs", plans));
-        for unread in &unread {
-            warn(&format!("dropped {}: {}", unread.name, unread.reason));
-        }
-        dropped.extend(unread);
-    }
-    for (_, plans) in &mut sets {
-        *plans = plans.drain(..).map(Plan::kept_in_memory).collect();
-    }
+    let sets = sets(arguments, &mut dropped)?;
+    let measure = Measure { arguments, common, lpips: lpips.as_ref() };
     let mut rows = Vec::new();
-    for row in wanted {
-        for seed in seeds(&arguments.training_seeds) {
-            let mut config = Config { seed, ..base.clone() };
-            (row.vary)(&mut config);
-            let head = serde_json::to_value(config.head).or_work()?;
-            let allocation = serde_json::to_value(config.allocation).or_work()?;
-            let name = format!("{}-{}-k{}-seed{seed}", text(&head), text(&allocation), config.neighbours);
-            let folder = arguments.output.join(name);
-            let run = Run::begin(&folder, SAVE_EVERY, true, &Ranks::alone())?;
-            print_line(&format!("training   {} (seed {seed}), {} steps", row.name, config.steps));
-            let mut trainer =
-                Trainer::new(config.clone(), cases.clone(), device::rasterizer(common.device)?).or_work()?;
-            run.complete(&mut trainer)?;
-            let trained = Trained { row: &row, config, skipped: trainer.skipped(), weights: run.weights() };
-            for (scenes, plans) in &sets {
-                rows.push(trained.measure(scenes, plans, arguments, lpips.as_ref(), common, &mut dropped)?);
+    let training_seeds = seeds(&arguments.training_seeds);
+    let all = training_seeds.iter().flat_map(|&seed| wanted.iter().map(move |row| (row, seed)));
+    let ours = |place: usize| arguments.shard.is_none_or(|(i, n)| place % n == i);
+    for (row, seed) in all.enumerate().filter(|&(place, _)| ours(place)).map(|(_, one)| one) {
+        let mut config = Config { seed, ..base.clone() };
+        (row.vary)(&mut config);
+        let folder = arguments.output.join(folder_of(&config));
+        let run = Run::begin(&folder, SAVE_EVERY, true, &Ranks::alone())?;
+        print_line(&format!("training   {} (seed {seed}), {} steps", row.name, config.steps));
+        let mut trainer =
+            Trainer::new(config.clone(), cases.clone(), device::rasterizer(common.device)?).or_work()?;
+        run.complete(&mut trainer)?;
+        let weights = Head::Weights(run.weights());
+        for set in &sets {
+            let lost_before = dropped.len();
+            let file = folder.join(format!("{}.json", set.name));
+            let learned = measure.scores(&weights, &config, set, &file, &mut dropped)?;
+            let file =
+                arguments.output.join(format!("closed-form-{}-{}.json", anchors_of(&config), set.name));
+            let closed = measure.scores(&Head::ClosedForm, &config, set, &file, &mut dropped)?;
+            for lost in &mut dropped[lost_before..] {
+                lost.name = format!("{} of {}", lost.name, row.name);
             }
+            rows.push(measured(row, &config, trainer.skipped(), set.name, (learned, &closed)));
         }
     }
+    let compared = compared(arguments.what, &rows);
     print(&table(&rows, lpips_network).to_text());
+    if !compared.is_empty() {
+        print_line("");
+        print(&table_of_differences(&compared).to_text());
+    }
+    let seeds = seeds(&arguments.seeds);
     let settings = Settings {
         what: arguments.what,
         training: &base,
-        seeds: &seeds(&arguments.seeds),
+        seeds: &seeds,
         gaussians: arguments.gaussians,
+        shard: arguments.shard,
         data_sha256: cases.sha256(),
     };
     let recipe = crate::recipe(base.seed, settings);
     if let Some(path) = &common.json {
-        let protocol = evaluate::PROTOCOL;
-        let record = Record { recipe: &recipe, protocol, lpips_network, rows: &rows, dropped: &dropped };
+        let (protocol, rows, compared) = (evaluate::PROTOCOL, &rows[..], &compared[..]);
+        let record = Record { recipe: &recipe, protocol, lpips_network, rows, compared, dropped: &dropped };
         output::write_json(path, &record)?;
     }
     match dropped.iter().filter(|dropped| dropped.failed).count() {
@@ -241,85 +243,134 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     }
 }
 
-fn text(value: &serde_json::Value) -> &str {
-    value.as_str().unwrap_or("unnamed")
-}
-
-/// A row after its training.
-struct Trained<'a> {
-    row: &'a Row,
-    config: Config,
-    skipped: usize,
-    weights: PathBuf,
-}
-
-impl Trained<'_> {
-    fn measure(
-        &self,
-        scenes: &'static str,
-        plans: &[Plan],
-        arguments: &Arguments,
-        lpips: Option<&Lpips>,
-        common: &Common,
-        dropped: &mut Vec<Dropped>,
-    ) -> Outcome<Measured> {
-        let (backbone, _) = arguments.data.source.resolve()?;
-        let with = |head: Head| sparsesplat::Config {
-            backbone: backbone.clone(),
-            head,
-            neighbours: self.config.neighbours,
-            allocation: self.config.allocation,
-            budget: Budget::Gaussians(arguments.gaussians),
-            // Heads are compared, not what comes after them.
-            looks: 1,
-            ..sparsesplat::Config::default()
-        };
-        let seeds = seeds(&arguments.seeds);
-        let mut rasterizer = device::rasterizer(common.device)?;
-        let progress = Progress::new(2 * plans.len() * seeds.len());
-        let mut figures = |head: Head, name: &str| {
-            let cache = Some(GeometryCache { folder: arguments.data.cache.clone() });
-            let method = Method { cache, ..Method::feed_forward(with(head)) };
-            let runner = Runner::on(method, device::of_networks(common.device)).map_err(Failure::sorted)?;
-            let mut running = String::new();
-            let mut found =
-                evaluate(plans, &runner, &seeds, lpips, &mut rasterizer, &mut |event| match event {
-                    Event::Run { name, seed } => running = format!("{}: {name} (seed {seed})", self.row.name),
-                    Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
-                    Event::Done { .. } => progress.step(),
-                    Event::Dropped(dropped) => {
-                        progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
-                    }
-                    _ => {}
-                });
-            for lost in found.dropped.drain(..) {
-                let name = format!("{} of {}, {name}", lost.name, self.row.name);
-                dropped.push(Dropped { name, ..lost });
-            }
-            Ok::<_, Failure>(found.mean)
-        };
-        let learned = figures(Head::Weights(self.weights.clone()), "trained head")?;
-        let closed = figures(Head::ClosedForm, "closed form")?;
-        Ok(Measured {
-            row: self.row.name.to_owned(),
-            training_seed: self.config.seed,
-            scenes,
-            head: self.config.head,
-            neighbours: self.config.neighbours,
-            allocation: self.config.allocation,
-            steps: self.config.steps,
-            steps_skipped: self.skipped,
-            gaussians: learned.figures.gaussians,
-            psnr_held_out: learned.figures.psnr_held_out,
-            ssim_held_out: learned.figures.ssim_held_out,
-            lpips_held_out: learned.figures.lpips_held_out,
-            spread: learned.spread,
-            psnr_closed_form: closed.figures.psnr_held_out,
-            psnr_paper: self.row.paper.map(|[psnr, _, _]| psnr),
-            ssim_paper: self.row.paper.map(|[_, ssim, _]| ssim),
-            lpips_paper: self.row.paper.map(|[_, _, lpips]| lpips),
-        })
+/// What rows are measured on.
+fn sets(arguments: &Arguments, dropped: &mut Vec<Dropped>) -> Outcome<Vec<Set>> {
+    let (scenes, size) = (arguments.evaluation_scenes, arguments.evaluation_size);
+    let mut sets = vec![Set {
+        name: "simulated",
+        of: format!("{scenes} scenes of {}x{}", size.0, size.1),
+        plans: simulated(0..scenes as u64, size),
+    }];
+    if let Some(root) = &arguments.photographs {
+        let reading = Reading { format: None, size: None, depth_hint: true };
+        let (plans, unread) = Plan::below(root, Windows { views: 6, along: None, index: true }, reading)
+            .map_err(Failure::sorted)?;
+        for unread in &unread {
+            warn(&format!("dropped {}: {}", unread.name, unread.reason));
+        }
+        dropped.extend(unread);
+        sets.push(Set { name: "photographs", of: root.display().to_string(), plans });
     }
+    for set in &mut sets {
+        set.plans = set.plans.drain(..).map(Plan::kept_in_memory).collect();
+    }
+    Ok(sets)
+}
+
+/// What decides the anchors of a row, as a part of a file's name.
+fn anchors_of(config: &Config) -> String {
+    let closed = Config { head: Kind::Attention, covisible: 0, seed: 0, ..config.clone() };
+    folder_of(&Config { parametrisation: Parametrisation::Correction, ..closed })
+}
+
+fn measured(
+    row: &Row,
+    config: &Config,
+    steps_skipped: usize,
+    scenes: &'static str,
+    (learned, closed): (Scores, &Scores),
+) -> Measured {
+    Measured {
+        row: row.name,
+        training_seed: config.seed,
+        scenes,
+        head: config.head,
+        parametrisation: config.parametrisation,
+        neighbours: config.neighbours,
+        covisible: config.covisible,
+        allocation: config.allocation,
+        sampler: config.sampler,
+        steps: config.steps,
+        steps_skipped,
+        gaussians: learned.gaussians,
+        psnr_held_out: learned.psnr,
+        ssim_held_out: learned.ssim,
+        lpips_held_out: learned.lpips,
+        psnr_spread: learned.spread,
+        psnr_closed_form: closed.psnr,
+        psnr_by_window: learned.psnr_by_window,
+        psnr_paper: row.paper.map(|[psnr, _, _]| psnr),
+        ssim_paper: row.paper.map(|[_, ssim, _]| ssim),
+        lpips_paper: row.paper.map(|[_, _, lpips]| lpips),
+    }
+}
+
+/// Every row against the paper's method, if that is among them, over the training seeds that both have.
+fn compared(what: What, rows: &[Measured]) -> Vec<Compared> {
+    let reference = what.reference();
+    let mut all: Vec<Compared> = Vec::new();
+    for one in rows {
+        if one.row == reference || all.iter().any(|c| c.row == one.row && c.scenes == one.scenes) {
+            continue;
+        }
+        let of = |name: &str, seed: u64| {
+            rows.iter()
+                .find(|other| other.row == name && other.scenes == one.scenes && other.training_seed == seed)
+                .map(|found| found.psnr_by_window.clone())
+        };
+        let mut seeds: Vec<u64> = rows.iter().map(|row| row.training_seed).collect();
+        seeds.sort_unstable();
+        seeds.dedup();
+        let pairs = seeds.iter().filter_map(|&seed| of(one.row, seed).zip(of(reference, seed)));
+        let (row, its_reference): (Vec<ByWindow>, Vec<ByWindow>) = pairs.unzip();
+        let Some(difference) = difference(&row, &its_reference) else { continue };
+        let in_paper = what.difference_in_paper(one.row);
+        all.push(Compared {
+            row: one.row,
+            reference,
+            scenes: one.scenes,
+            claim_of_paper: compare::of_paper(difference.verdict, in_paper),
+            psnr_difference_paper: in_paper,
+            difference,
+        });
+    }
+    all
+}
+
+fn table_of_differences(all: &[Compared]) -> Table {
+    let reference = all.first().map_or("", |one| one.reference);
+    let head = [
+        "row",
+        "scenes",
+        &format!("PSNR less {reference}'s"),
+        "95 % interval",
+        "by training seed",
+        "can they be told apart",
+        "the paper's",
+        "its claim",
+    ];
+    let mut table = Table::new(&head, 2);
+    for one in all {
+        let d = &one.difference;
+        let signed = |value: f64| format!("{value:+.2}");
+        table.push(vec![
+            one.row.to_owned(),
+            format!("{} {}", d.scenes, one.scenes),
+            signed(d.mean),
+            d.interval
+                .map_or("-".to_owned(), |half| format!("{:+.2} to {:+.2}", d.mean - half, d.mean + half)),
+            d.by_seed.iter().map(|&d| signed(d)).collect::<Vec<_>>().join(", "),
+            match d.verdict {
+                Verdict::Better => "yes, better",
+                Verdict::Worse => "yes, worse",
+                Verdict::CannotBeTold => "no",
+            }
+            .to_owned(),
+            one.psnr_difference_paper.map_or("-".to_owned(), signed),
+            one.claim_of_paper.to_owned(),
+        ]);
+    }
+    table
 }
 
 fn table(rows: &[Measured], lpips_network: Option<&str>) -> Table {
@@ -344,11 +395,11 @@ fn table(rows: &[Measured], lpips_network: Option<&str>) -> Table {
             value.map_or_else(|| "fail".to_owned(), |value| format!("{value:.digits$}"))
         };
         table.push(vec![
-            row.row.clone(),
+            row.row.to_owned(),
             row.training_seed.to_string(),
             row.scenes.to_owned(),
             number(row.psnr_held_out, 2),
-            number(row.spread.as_ref().map_or(f64::NAN, |spread| spread.psnr_held_out), 3),
+            number(row.psnr_spread.unwrap_or(f64::NAN), 3),
             number(row.ssim_held_out, 3),
             number(row.lpips_held_out.unwrap_or(f64::NAN), 3),
             number(row.psnr_closed_form, 2),

@@ -157,6 +157,8 @@ pub(crate) enum AllocationName {
     Laplacian,
     /// Random pixels
     Random,
+    /// As many pixels in every cell of 2x2 (as EvenSplat retains them)
+    Even,
     /// Every pixel; the count is not used
     PixelAligned,
     /// Every pixel, merged down to the count afterwards (as GGN and Long-LRM do)
@@ -172,6 +174,8 @@ pub(crate) enum SamplerName {
     Fixed,
     /// Independent draws
     Bernoulli,
+    /// Exact count, one after the other along a curve that fills the picture
+    Systematic,
 }
 
 /// Exposure of the scene when the photographs differ.
@@ -202,6 +206,7 @@ impl AllocationName {
             Self::Entropy => Allocation::Entropy,
             Self::Laplacian => Allocation::Laplacian,
             Self::Random => Allocation::Random,
+            Self::Even => Allocation::Even,
             Self::PixelAligned => Allocation::PixelAligned,
             Self::Merged => Allocation::Merged,
             Self::VoxelAligned => Allocation::VoxelAligned,
@@ -239,6 +244,9 @@ impl Pipeline {
     fn refuse_without_effect(&self, given: &Given) -> Outcome {
         match self.allocation {
             AllocationName::Entropy | AllocationName::Laplacian | AllocationName::Random => {}
+            AllocationName::Even => {
+                given.refuse(&["sampler"], "--allocation even draws pixels in its own way")?
+            }
             AllocationName::PixelAligned => given.refuse(
                 &["gaussians", "tau", "sampler"],
                 "--allocation pixel-aligned makes one Gaussian of every pixel",
@@ -270,9 +278,12 @@ impl Pipeline {
             sampler: match self.sampler {
                 SamplerName::Fixed => Sampler::Fixed,
                 SamplerName::Bernoulli => Sampler::Bernoulli,
+                SamplerName::Systematic => Sampler::Systematic,
             },
             budget: self.tau.map_or(Budget::Gaussians(self.gaussians), Budget::Tau),
             neighbours: self.neighbours,
+            // That of the weights.
+            covisible: 0,
             head: match (weights, self.head) {
                 (Some(weights), HeadName::Default) => Head::Weights(weights),
                 (Some(weights), _) => {

@@ -10,9 +10,9 @@ use crate::{
 };
 use backproject::{Anchors, Backprojected, ViewPixels};
 use depth_backbone::ViewGeometry;
-use entropy_sampler::{EntropyWindow, ImportanceMap};
+use entropy_sampler::{EntropyWindow, ImportanceMap, Sampler};
 use glam::{DVec2, DVec3};
-use gs_scene::{Gaussians, View};
+use gs_scene::{Camera, Gaussians, View};
 use knn::Neighbors;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -36,8 +36,10 @@ pub struct Anchored {
     pub(crate) spacing: Vec<f32>,
     pub(crate) anchors: Anchors,
     pub(crate) cells: Vec<Cell>,
-    /// None for K = 0 and for a single anchor.
+    /// The nearest in space. None for K = 0 and for a single anchor.
     pub(crate) neighbours: Option<Neighbors>,
+    /// What the head gathers instead, `[n, K]`, if some of it is chosen by co-visibility.
+    pub(crate) gathered: Option<Vec<u32>>,
 }
 
 /// Chooses pixels of `views` with known `geometry` and lifts them into space. Anchors have features where the views' geometry has. Of the
@@ -94,7 +96,12 @@ pub fn anchor(
         })
     })?;
 
-    let neighbours = stages.run(Stage::Knn, || neighbours(&anchors, config.neighbours))?;
+    let (neighbours, gathered) = stages.run(Stage::Knn, || {
+        let nearest = neighbours(&anchors, config.neighbours)?;
+        let by_views = nearest.as_ref().filter(|_| config.covisible > 0);
+        let gathered = by_views.map(|nearest| gathered(&anchors, views, nearest, config.covisible));
+        Ok::<_, Error>((nearest, gathered.transpose()?))
+    })?;
 
     let (cells, base) = stages.run(Stage::Head, || {
         let of = |i: usize| {
@@ -115,7 +122,19 @@ pub fn anchor(
         per_view: ranges.iter().map(ExactSizeIterator::len).collect(),
         shell: shell.len(),
     };
-    Ok(Anchored { views: exposed, exposure, base, shell, counts, tau, spacing, anchors, cells, neighbours })
+    Ok(Anchored {
+        views: exposed,
+        exposure,
+        base,
+        shell,
+        counts,
+        tau,
+        spacing,
+        anchors,
+        cells,
+        neighbours,
+        gathered,
+    })
 }
 
 impl Anchored {
@@ -171,7 +190,11 @@ fn sample(
         Budget::Gaussians(total) => entropy_sampler::Budget::Count(total - shell),
         Budget::Tau(tau) => entropy_sampler::Budget::Tau(tau),
     };
-    let samples = entropy_sampler::sample(&maps, budget, config.sampler, config.seed)?;
+    let sampler = match config.allocation {
+        Allocation::Even => Sampler::Systematic,
+        _ => config.sampler,
+    };
+    let samples = entropy_sampler::sample(&maps, budget, sampler, config.seed)?;
     Ok((samples.pixels, Some(samples.probability.tau)))
 }
 
@@ -183,6 +206,37 @@ fn neighbours(anchors: &Anchors, k: usize) -> Result<Option<Neighbors>> {
     // Seen from one of them: differences far from the world's origin keep their digits.
     let origin = DVec3::from(anchors.positions[0]);
     Ok(Some(knn::knn(&anchors.positions_from(origin), k)?))
+}
+
+/// How far from where a view sees an anchor its co-visible neighbours may lie, in mean distances of the anchors of a view.
+const COVISIBLE_RADIUS: f64 = 4.0;
+/// Relative difference of depths up to which one anchor does not hide another: that of good stereo.
+const HIDES: f64 = 0.05;
+
+/// As many neighbours as there are `nearest` ones: up to `covisible` by co-visibility, then the nearest that are not among them.
+fn gathered(anchors: &Anchors, views: &[View], nearest: &Neighbors, covisible: usize) -> Result<Vec<u32>> {
+    let cameras: Vec<Camera> = views.iter().map(|view| *view.camera()).collect();
+    let pixels: usize = cameras.iter().map(|camera| camera.width() * camera.height()).sum();
+    let spacing = (pixels as f64 / anchors.len() as f64).sqrt();
+    let settings = covisibility::Settings {
+        k: covisible.min(nearest.k),
+        radius: COVISIBLE_RADIUS * spacing,
+        tolerance: HIDES,
+    };
+    let seen = covisibility::Anchors {
+        positions: &anchors.positions,
+        views: &anchors.views,
+        pixels: &anchors.pixels,
+        depths: &anchors.depths,
+    };
+    let found = covisibility::neighbors(&seen, &cameras, &settings)?;
+    let mut all = Vec::with_capacity(nearest.indices.len());
+    for anchor in 0..nearest.rows {
+        let (seen, near) = (found.row(anchor).0, nearest.row(anchor).0);
+        let others = near.iter().filter(|other| !seen.contains(other)).take(nearest.k - seen.len());
+        all.extend(seen.iter().chain(others));
+    }
+    Ok(all)
 }
 
 /// Cells and closed-form Gaussians of the anchors `range` of one view; `voxels` are the cells if these are voxels, which

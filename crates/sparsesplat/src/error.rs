@@ -28,6 +28,9 @@ pub enum Error {
     /// Anchors without neighbours.
     #[error(transparent)]
     Knn(#[from] knn::Error),
+    /// Anchors without neighbours by co-visibility.
+    #[error(transparent)]
+    Covisibility(#[from] covisibility::Error),
     /// Weights that cannot be read, or inputs that a head refuses.
     #[error(transparent)]
     Head(#[from] attn_head::Error),
@@ -79,6 +82,18 @@ pub enum Error {
         /// Schema of the features that they were trained on.
         expected: String,
         /// Schema of the features that there are.
+        found: String,
+    },
+    /// Weights say something of themselves that this program does not know.
+    #[error(
+        "{weights}: the metadata say {key} {found:?}, which this program does not know: it may be older than the weights"
+    )]
+    Metadata {
+        /// The weights.
+        weights: String,
+        /// What is said.
+        key: &'static str,
+        /// As it is said.
         found: String,
     },
     /// A network is asked for of a build that has none.

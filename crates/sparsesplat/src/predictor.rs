@@ -48,7 +48,7 @@ impl Predictor {
     ///
     /// # Errors
     /// As [`Predictor::new`].
-    pub fn with_config(&self, config: Config) -> Result<Self> {
+    pub fn with_config(&self, mut config: Config) -> Result<Self> {
         config.check()?;
         let networks = self.networks.of(&config.backbone, self.device)?;
         let head = match (HeadWeights::chosen(&config), &self.head) {
@@ -59,6 +59,7 @@ impl Predictor {
                 Some((weights, head))
             }
         };
+        config.covisible = head.as_ref().map_or(0, |(_, head)| head.covisible());
         Ok(Self { config, device: self.device, networks, head })
     }
 

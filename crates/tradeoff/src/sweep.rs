@@ -275,7 +275,7 @@ pub fn points(
     }
     let (sampler, name) = match config.sampler {
         Sampler::Fixed => (Sampler::Bernoulli, "bernoulli"),
-        Sampler::Bernoulli => (Sampler::Fixed, "fixed"),
+        Sampler::Bernoulli | Sampler::Systematic => (Sampler::Fixed, "fixed"),
     };
     all.vary(Axis::Sampler, name, |config| config.sampler = sampler);
     if base.refine.is_none() {

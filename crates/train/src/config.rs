@@ -1,7 +1,8 @@
 use crate::{Error, Rates, Result};
 use attn_head::Kind;
 use serde::{Deserialize, Serialize};
-use sparsesplat::Allocation;
+use sparsesplat::learned::Parametrisation;
+use sparsesplat::{Allocation, Sampler};
 
 /// Everything that decides what training makes of a set of windows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -9,13 +10,19 @@ use sparsesplat::Allocation;
 pub struct Config {
     /// How the head gathers neighbours.
     pub head: Kind,
+    /// What the outputs of the head mean.
+    pub parametrisation: Parametrisation,
     /// Neighbours K.
     pub neighbours: usize,
+    /// How many of them are chosen by co-visibility, the others by distance.
+    pub covisible: usize,
     /// Whether the head sees feedback: what rendering the closed form into the context views says of each anchor. Without it, as in the
     /// paper, it is faster and worse.
     pub feedback: bool,
     /// Which pixels become anchors.
     pub allocation: Allocation,
+    /// How pixels are drawn.
+    pub sampler: Sampler,
     /// Smallest and largest number of Gaussians as a share of the context views' pixels; each pass draws one between,
     /// evenly in its logarithm, so that one model serves all budgets.
     pub density: [f64; 2],
@@ -50,9 +57,12 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             head: Kind::Attention,
+            parametrisation: Parametrisation::Correction,
             neighbours: 20,
+            covisible: 0,
             feedback: true,
             allocation: Allocation::Entropy,
+            sampler: Sampler::Fixed,
             density: [0.01, 0.25],
             depth_error: 0.0,
             recolour: 0.0,
@@ -97,6 +107,9 @@ impl Config {
             let expected =
                 "one that decides before the head: merging comes after it, trained is what is merged";
             return refuse("allocation", "merged".to_owned(), expected);
+        }
+        if self.covisible > self.neighbours {
+            return refuse("covisible", self.covisible.to_string(), "at most `neighbours`");
         }
         if self.batch > LARGEST_BATCH {
             return refuse(

@@ -15,7 +15,9 @@ use gs_raster::{Rasterizer, RenderSettings, near_plane};
 use gs_scene::View;
 use image_metrics::Lpips;
 use serde::Serialize;
-use sparsesplat::learned::{BY_DIRECTION, FEATURES, geometry_features, image_features};
+use sparsesplat::learned::{
+    BY_DIRECTION, COVISIBLE, FEATURES, PARAMETRISATION, Parametrisation, geometry_features, image_features,
+};
 use sparsesplat::{Anchored, Budget, Stages, anchor};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -136,14 +138,18 @@ impl Trainer {
         let config = self.net.config();
         let mut begun = Vec::with_capacity(runs.len());
         for (name, weights) in runs {
-            let features = weights.metadata.get(FEATURES).map_or("", String::as_str);
-            let same = attn_head::Config { geometry: config.geometry, ..weights.config } == config;
+            let said =
+                |metadata: &BTreeMap<String, String>, key| metadata.get(key).cloned().unwrap_or_default();
+            let same = attn_head::Config { geometry: config.geometry, ..weights.config } == config
+                && [FEATURES, PARAMETRISATION, COVISIBLE]
+                    .iter()
+                    .all(|key| said(&self.metadata(), *key) == said(&weights.metadata, *key));
             let known = [config.geometry, geometry_features(false)].contains(&weights.config.geometry);
-            if !same || !known || features != self.schema {
+            if !same || !known {
                 return Err(Error::OtherHead {
                     weights: name.clone(),
-                    expected: format!("{config:?}, features {:?}", self.schema),
-                    found: format!("{:?}, features {features:?}", weights.config),
+                    expected: format!("{config:?}, {:?}", self.metadata()),
+                    found: format!("{:?}, {:?}", weights.config, weights.metadata),
                 });
             }
             begun.push(weights.widened(config.geometry)?.values);
@@ -273,8 +279,19 @@ impl Trainer {
     /// The head as it is.
     #[must_use]
     pub fn weights(&self) -> Weights {
-        let metadata = BTreeMap::from([(FEATURES.to_owned(), self.schema.clone())]);
-        Weights { config: self.net.config(), values: self.weights.clone(), metadata }
+        Weights { config: self.net.config(), values: self.weights.clone(), metadata: self.metadata() }
+    }
+
+    /// What whoever uses the weights must know besides.
+    fn metadata(&self) -> BTreeMap<String, String> {
+        let mut all = BTreeMap::from([(FEATURES.to_owned(), self.schema.clone())]);
+        if self.config.parametrisation != Parametrisation::default() {
+            all.insert(PARAMETRISATION.to_owned(), self.config.parametrisation.name().to_owned());
+        }
+        if self.config.covisible > 0 {
+            all.insert(COVISIBLE.to_owned(), self.config.covisible.to_string());
+        }
+        all
     }
 
     /// One step: passes over a batch of windows, one update.
@@ -335,8 +352,10 @@ impl Trainer {
         let by_direction = outputs.narrow(1, BY_DIRECTION.start, BY_DIRECTION.len())?;
         let share = f64::from(self.config.direction) / by_direction.elem_count().max(1) as f64;
         let by_direction = (by_direction.sqr()?.sum_all()? * share)?;
-        let decode =
-            Decode { decoder: Arc::new(anchored.decoder()), shell: Arc::new(anchored.shell.clone()) };
+        let decode = Decode {
+            decoder: Arc::new(anchored.decoder(self.config.parametrisation)),
+            shell: Arc::new(anchored.shell.clone()),
+        };
         let gaussians = outputs.apply_op1(decode)?;
         let mut total: Option<Tensor> = None;
         let mut mse = Vec::new();
@@ -378,7 +397,9 @@ impl Trainer {
         let config = sparsesplat::Config {
             allocation: self.config.allocation,
             budget: Budget::Gaussians(((pixels as f64 * density) as usize).max(1)),
+            sampler: self.config.sampler,
             neighbours: self.config.neighbours,
+            covisible: self.config.covisible,
             seed,
             ..sparsesplat::Config::default()
         };
@@ -399,7 +420,7 @@ impl Trainer {
             let feedback = anchored.feedback(self.config.feedback)?;
             let outputs =
                 values(&self.net.outputs(&weights, anchored.inputs(&case.geometry.views, &feedback))?)?;
-            let mut learned = anchored.decoder().decode(&outputs);
+            let mut learned = anchored.decoder(self.config.parametrisation).decode(&outputs);
             learned.append(&anchored.shell.clone().with_sh_degree(learned.sh_degree())?);
             let mut closed = anchored.base.clone();
             closed.append(&anchored.shell);

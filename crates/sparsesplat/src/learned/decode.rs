@@ -9,6 +9,9 @@
 //! | 8..35 | spherical harmonics of degree 2, `[coefficient][rgb]`, in the camera's axes: added | 2 |
 //! | 35..38 | the mean is moved, in the camera's axes and in units of the anchor's spacing | 2 |
 //!
+//! With [`Parametrisation::Paper`](super::Parametrisation::Paper) the changes are those of a grey ball instead, the same for all anchors
+//! ([`Decoder::of_nothing`]), and no mean is subtracted: the head gives all attributes itself.
+//!
 //! The paper states 38 outputs, but lists 1 + 3 + 4 + 27 = 35; it does not name the other three. An output x changes its attribute by b·tanh(x / b), with
 //! b the bound: the slope is 1 at the start of training, and the change is finite for any output.
 //!
@@ -19,7 +22,7 @@
 use super::rotate_sh::RotateSh;
 use crate::harmonics::{TERMS, basis};
 use attn_head::OUTPUTS;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -125,6 +128,37 @@ impl Decoder {
             rotations: cameras.iter().map(rows).collect(),
             rotate_sh: cameras.iter().map(|camera| RotateSh::new(camera.rotation())).collect(),
         }
+    }
+
+    /// A decoder about balls that know of their anchors only the place and the `spacing`: grey, of opacity ½, with the standard deviation of half the
+    /// spacing and the axes of their view's camera. `positions`, `spacing` and `views` per anchor, `cameras` per view.
+    ///
+    /// # Panics
+    /// If lengths differ or a view does not exist.
+    #[must_use]
+    pub fn of_nothing(
+        positions: &[[f64; 3]],
+        spacing: Vec<f32>,
+        views: Vec<u32>,
+        cameras: &[Camera],
+    ) -> Self {
+        assert!(positions.len() == spacing.len(), "one spacing per anchor");
+        let axes: Vec<[f32; 4]> = cameras
+            .iter()
+            .map(|camera| {
+                let q = DQuat::from_mat3(&camera.rotation().transpose()).normalize();
+                [q.w, q.x, q.y, q.z].map(|v| v as f32)
+            })
+            .collect();
+        let mut base = Gaussians::empty(0).expect("a degree that there is");
+        for ((position, spacing), &view) in positions.iter().zip(&spacing).zip(&views) {
+            // A spacing of 0 has no logarithm.
+            let log_scale = (0.5 * spacing).max(f32::MIN_POSITIVE).ln();
+            base.push(position.map(|v| v as f32), axes[view as usize], [log_scale; 3], 0.0, &[0.0; 3]);
+        }
+        let mut decoder = Self::new(base, spacing, views, cameras);
+        decoder.in_mean.fill([0.0; TERMS]);
+        decoder
     }
 
     /// Number of anchors.
@@ -310,6 +344,31 @@ mod tests {
         assert!(decoded.sh()[3..27].iter().all(|&c| c == 0.0));
     }
 
+    /// A decoder about nothing, of the same anchors.
+    fn of_nothing(turn: f64) -> Decoder {
+        let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0, width: 8, height: 6 };
+        let rotations = [DMat3::from_rotation_y(0.3), DMat3::from_rotation_x(turn)];
+        let cameras =
+            rotations.map(|rotation| Camera::new(lens, rotation, DVec3::new(0.3, -0.2, 4.0)).unwrap());
+        let positions = [[1.0, -2.0, 3.0], [0.0; 3], [0.5, 0.2, -1.0]];
+        Decoder::of_nothing(&positions, vec![0.05, 2.0, 0.0], vec![1, 0, 1], &cameras)
+    }
+
+    #[test]
+    fn about_nothing_all_anchors_are_alike_and_outputs_say_the_rest() {
+        let decoder = of_nothing(1.0);
+        let decoded = decoder.decode(&[0.0; N * OUTPUTS]);
+        assert!(decoded.sh().iter().chain(decoded.geometry()).all(|v| v.is_finite()));
+        assert!(decoded.sh().iter().all(|&c| c == 0.0), "grey");
+        let row = &decoded.geometry()[Gaussians::GEOMETRY..][..Gaussians::GEOMETRY];
+        assert_eq!((row[OPACITY_LOGIT], &row[LOG_SCALE], &row[MEAN]), (0.0, &[0.0; 3][..], &[0.0; 3][..]));
+        // A colour of an output is the colour, whatever the other anchors' outputs are: no mean is subtracted.
+        let mut outputs = [0.0; N * OUTPUTS];
+        outputs[OUTPUTS + 8] = 0.5;
+        let colour = decoder.decode(&outputs).sh()[SH];
+        assert!((colour - 2.0 * 0.25f32.tanh()).abs() < 1e-6, "{colour}");
+    }
+
     #[test]
     fn whatever_is_not_nan_stays_within_bounds() {
         let decoder = decoder([0.5, 0.5, -0.5, 0.5], 1.0);
@@ -367,9 +426,9 @@ mod tests {
         fn derivatives_are_those_of_differences(
             outputs in prop::collection::vec(-2.0f32..2.0, N * OUTPUTS),
             weights in prop::collection::vec(-1.0f32..1.0, N * 38),
-            turn in -3.0f64..3.0, at in 0usize..N * OUTPUTS,
+            turn in -3.0f64..3.0, at in 0usize..N * OUTPUTS, nothing: bool,
         ) {
-            let decoder = decoder([0.8, 0.0, -0.6, 0.0], turn);
+            let decoder = if nothing { of_nothing(turn) } else { decoder([0.8, 0.0, -0.6, 0.0], turn) };
             let loss = |outputs: &[f32]| -> f64 {
                 let decoded = decoder.decode(outputs);
                 let values = decoded.geometry().iter().chain(decoded.sh());

@@ -1,6 +1,6 @@
 //! Weights and the features they work with.
 
-use super::{HeadInputs, geometry_features, image_features};
+use super::{HeadInputs, Parametrisation, geometry_features, image_features};
 use crate::{Anchored, Backbone, Config, Error, Result, Stage, Stages};
 use attn_head::{Head, Weights};
 use depth_backbone::ViewGeometry;
@@ -9,6 +9,10 @@ use std::path::{Path, PathBuf};
 
 /// Where weights say which features they were trained on.
 pub const FEATURES: &str = "features";
+/// Where weights say what their outputs mean; without it they are corrections.
+pub const PARAMETRISATION: &str = "parametrisation";
+/// Where weights say how many neighbours they were given by co-visibility; without it none.
+pub const COVISIBLE: &str = "covisible";
 
 /// Default weights for the plane sweep's features (docs/training.md says how they came about).
 const PLANE_SWEEP: &[u8] = include_bytes!("../../weights/plane-sweep-2.safetensors");
@@ -22,6 +26,8 @@ pub struct LearnedHead {
     features: String,
     /// Whether it sees what rendering the closed form says.
     feedback: bool,
+    parametrisation: Parametrisation,
+    covisible: usize,
     name: String,
 }
 
@@ -29,7 +35,8 @@ impl LearnedHead {
     /// A head from weights; `name` is what reports call it.
     ///
     /// # Errors
-    /// If the weights do not say which features they work with, or want other geometric features than there are.
+    /// If the weights do not say which features they work with, want other geometric features than there are, or say something of their outputs
+    /// or neighbours that is not known.
     pub fn new(weights: Weights, name: impl Into<String>) -> Result<Self> {
         let name = name.into();
         let Some(features) = weights.metadata.get(FEATURES).cloned() else {
@@ -41,7 +48,25 @@ impl LearnedHead {
             let [without, with] = [false, true].map(geometry_features);
             return Err(Error::GeometryFeatures { weights: name, without, with, found });
         };
-        Ok(Self { head: Head::new(weights)?, features, feedback, name })
+        let refuse = |key: &'static str, found: &String| Error::Metadata {
+            weights: name.clone(),
+            key,
+            found: found.clone(),
+        };
+        let parametrisation =
+            weights.metadata.get(PARAMETRISATION).map_or(Ok(Parametrisation::default()), |said| {
+                Parametrisation::of_name(said).ok_or_else(|| refuse(PARAMETRISATION, said))
+            })?;
+        let covisible = weights
+            .metadata
+            .get(COVISIBLE)
+            .map_or(Ok(0), |said| said.parse().map_err(|_| refuse(COVISIBLE, said)))?;
+        Ok(Self { head: Head::new(weights)?, features, feedback, parametrisation, covisible, name })
+    }
+
+    /// How many of an anchor's neighbours it was given by co-visibility.
+    pub(crate) fn covisible(&self) -> usize {
+        self.covisible
     }
 
     /// A head from a file.
@@ -71,7 +96,7 @@ impl LearnedHead {
         };
         stages.run(Stage::Head, || {
             let outputs = self.outputs(&anchored.inputs(geometry, &feedback), geometry)?;
-            Ok(anchored.decoder().decode(&outputs))
+            Ok(anchored.decoder(self.parametrisation).decode(&outputs))
         })
     }
 
@@ -138,6 +163,12 @@ mod tests {
     fn weights_that_do_not_belong_here_are_refused_by_name() {
         let refused = |weights| LearnedHead::new(weights, "w").unwrap_err();
         assert!(matches!(refused(weights(geometry_features(true), None)), Error::NoSchema { .. }));
+        for key in [PARAMETRISATION, COVISIBLE] {
+            let mut unknown = weights(geometry_features(true), Some("none"));
+            unknown.metadata.insert(key.to_owned(), "some".to_owned());
+            let error = refused(unknown);
+            assert!(matches!(&error, Error::Metadata { key: found, .. } if *found == key), "{error}");
+        }
         let error = refused(weights(3, Some("none")));
         assert!(matches!(error, Error::GeometryFeatures { found: 3, .. }), "{error}");
     }

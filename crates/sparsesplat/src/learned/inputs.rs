@@ -80,8 +80,9 @@ impl HeadInputs {
         let width = geometry_features(!feedback.is_empty());
         let anchors = &anchored.anchors;
         let (n, channels) = (anchors.len(), anchors.channels);
-        let (k, neighbours) =
-            anchored.neighbours.as_ref().map_or((0, Vec::new()), |found| (found.k, found.indices.clone()));
+        let (k, neighbours) = anchored.neighbours.as_ref().map_or((0, Vec::new()), |nearest| {
+            (nearest.k, anchored.gathered.as_ref().unwrap_or(&nearest.indices).clone())
+        });
         let mut inputs = Self {
             n,
             k,

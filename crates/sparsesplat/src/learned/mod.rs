@@ -4,13 +4,15 @@ mod decode;
 mod feedback;
 mod head;
 mod inputs;
+mod parametrisation;
 mod rotate_sh;
 mod support;
 
 pub use decode::{BOUNDS, BY_DIRECTION, Decoder};
 pub(crate) use head::HeadWeights;
-pub use head::{FEATURES, LearnedHead};
+pub use head::{COVISIBLE, FEATURES, LearnedHead, PARAMETRISATION};
 pub use inputs::{HeadInputs, geometry_features, image_features};
+pub use parametrisation::Parametrisation;
 
 use crate::{Anchored, Result};
 use depth_backbone::ViewGeometry;
@@ -33,8 +35,12 @@ impl Anchored {
 
     /// What turns a head's outputs for these anchors into Gaussians.
     #[must_use]
-    pub fn decoder(&self) -> Decoder {
+    pub fn decoder(&self, parametrisation: Parametrisation) -> Decoder {
         let cameras: Vec<_> = self.views.iter().map(|view| *view.camera()).collect();
-        Decoder::new(self.base.clone(), self.spacing.clone(), self.anchors.views.clone(), &cameras)
+        let (spacing, views) = (self.spacing.clone(), self.anchors.views.clone());
+        match parametrisation {
+            Parametrisation::Correction => Decoder::new(self.base.clone(), spacing, views, &cameras),
+            Parametrisation::Paper => Decoder::of_nothing(&self.anchors.positions, spacing, views, &cameras),
+        }
     }
 }

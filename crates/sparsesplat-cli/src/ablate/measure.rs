@@ -1,0 +1,141 @@
+//! Rows on unseen views. What was measured is kept beside the weights, so that a run that was interrupted, or shards, measure nothing twice.
+
+use super::Arguments;
+use super::compare::ByWindow;
+use crate::arguments::{Common, seeds};
+use crate::failure::{Failure, OrFail, Outcome};
+use crate::progress::{Progress, describe};
+use crate::{device, output};
+use evaluate::{Event, Lpips, Method, Runner, evaluate};
+use scene_windows::{Dropped, GeometryCache, Plan};
+use serde::{Deserialize, Serialize};
+use sparsesplat::{Budget, Head};
+use std::path::Path;
+use train::Config;
+
+/// Figures of one head on one set of windows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Scores {
+    /// What they depend on.
+    key: Key,
+    pub(super) gaussians: f64,
+    pub(super) psnr: f64,
+    pub(super) ssim: f64,
+    pub(super) lpips: Option<f64>,
+    /// Standard deviation over sampling seeds of the mean PSNR, dB.
+    pub(super) spread: Option<f64>,
+    pub(super) psnr_by_window: ByWindow,
+}
+
+/// What figures depend on.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+struct Key {
+    /// The commit that the program was built from.
+    program: String,
+    /// SHA-256 of the weights; none for the closed form.
+    weights: Option<String>,
+    scenes: String,
+    config: String,
+    seeds: Vec<u64>,
+    lpips: Option<String>,
+}
+
+/// What is measured on.
+pub(super) struct Set {
+    /// `simulated` or `photographs`.
+    pub(super) name: &'static str,
+    /// What decides which windows they are.
+    pub(super) of: String,
+    pub(super) plans: Vec<Plan>,
+}
+
+/// How heads are measured.
+pub(super) struct Measure<'a> {
+    pub(super) arguments: &'a Arguments,
+    pub(super) common: &'a Common,
+    pub(super) lpips: Option<&'a Lpips>,
+}
+
+impl Measure<'_> {
+    /// The head with the anchors of `training` on a set; figures that are in `file` already, of the same head and windows, are read.
+    /// Windows that were dropped join `dropped`, and are not kept.
+    pub(super) fn scores(
+        &self,
+        head: &Head,
+        training: &Config,
+        set: &Set,
+        file: &Path,
+        dropped: &mut Vec<Dropped>,
+    ) -> Outcome<Scores> {
+        let (backbone, _) = self.arguments.data.source.resolve()?;
+        let config = sparsesplat::Config {
+            backbone,
+            head: head.clone(),
+            neighbours: training.neighbours,
+            allocation: training.allocation,
+            sampler: training.sampler,
+            budget: Budget::Gaussians(self.arguments.gaussians),
+            // Heads are compared, not what comes after them.
+            looks: 1,
+            ..sparsesplat::Config::default()
+        };
+        let weights = match head {
+            Head::Weights(path) => Some(scene_windows::file_sha256(path).or_work()?),
+            _ => None,
+        };
+        let seeds = seeds(&self.arguments.seeds);
+        // The weights are named by what is in them, wherever the folder lies.
+        let named = sparsesplat::Config { head: Head::Default, ..config.clone() };
+        let key = Key {
+            program: crate::recipe(0, ()).git,
+            weights,
+            scenes: set.of.clone(),
+            config: serde_json::to_string(&named).or_work()?,
+            seeds: seeds.clone(),
+            lpips: self.lpips.map(|lpips| lpips.network().name().to_owned()),
+        };
+        if let Some(kept) = read(file).filter(|kept| kept.key == key) {
+            return Ok(kept);
+        }
+        let cache = Some(GeometryCache { folder: self.arguments.data.cache.clone() });
+        let method = Method { cache, ..Method::feed_forward(config) };
+        let runner = Runner::on(method, device::of_networks(self.common.device)).map_err(Failure::sorted)?;
+        let mut rasterizer = device::rasterizer(self.common.device)?;
+        let progress = Progress::new(set.plans.len() * seeds.len());
+        let mut running = String::new();
+        let found =
+            evaluate(&set.plans, &runner, &seeds, self.lpips, &mut rasterizer, &mut |event| match event {
+                Event::Run { name, seed } => running = format!("{name} (seed {seed})"),
+                Event::Step(step) => progress.say(format!("{running}: {}", describe(step))),
+                Event::Done { .. } => progress.step(),
+                Event::Dropped(dropped) => {
+                    progress.warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
+                }
+                _ => {}
+            });
+        let figures = &found.mean.figures;
+        let scores = Scores {
+            key,
+            gaussians: figures.gaussians,
+            psnr: figures.psnr_held_out,
+            ssim: figures.ssim_held_out,
+            lpips: figures.lpips_held_out,
+            spread: found.mean.spread.map(|spread| spread.psnr_held_out),
+            psnr_by_window: found
+                .windows
+                .iter()
+                .map(|window| (window.name.clone(), window.figures.psnr_held_out))
+                .collect(),
+        };
+        if found.dropped.is_empty() {
+            output::write_json(file, &scores)?;
+        }
+        dropped.extend(found.dropped);
+        Ok(scores)
+    }
+}
+
+/// What is in a file of figures; none if it is not there or is of another version.
+fn read(file: &Path) -> Option<Scores> {
+    serde_json::from_slice(&std::fs::read(file).ok()?).ok()
+}
