@@ -228,7 +228,7 @@ fn kernels(seconds: &mut Seconds) -> Outcome {
     let mut sums = vec![0.0; 128 * 512];
     time(seconds, "product of columns 128x48x512", || {
         let (a, b) = (Rows::new(&a[..48 * 128], 48, 128), Rows::new(&b[..48 * 512], 48, 512));
-        multiply_transposed(isa, a, b, &mut sums);
+        multiply_transposed(isa, a, b, &mut sums, 512);
         Ok(())
     })?;
     let mut values = numbers(1 << 14);
