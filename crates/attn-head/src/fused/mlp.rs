@@ -74,6 +74,7 @@ impl<'a> Message<'a> for Mlp<'a> {
         let grad = Rows::new(grad, anchors.count(), WIDTH);
         self.mix.backward(joined(anchors, x), grad, grad_joined, sums, hidden);
         sent.0.clear();
+        sent.0.reserve_exact(anchors.count() * anchors.all.inputs.k);
         for (row, grad_h) in joined(anchors, grad_joined).iter().zip(grad_h.chunks_exact_mut(WIDTH)) {
             let (own, heard) = row.split_at(WIDTH);
             grad_h.iter_mut().zip(own).for_each(|(sum, v)| *sum += v);
