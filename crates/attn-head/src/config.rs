@@ -37,9 +37,6 @@ pub enum Kind {
 impl Kind {
     /// Every kind.
     pub const ALL: [Self; 4] = [Self::Attention, Self::Mlp, Self::EdgeConv, Self::MaxPool];
-
-    /// The kinds that this build runs: every kind with the feature `candle`, the attention without.
-    pub const BUILT: &[Self] = if cfg!(feature = "candle") { &Self::ALL } else { &[Self::Attention] };
 }
 
 /// Shape of a head.

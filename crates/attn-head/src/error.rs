@@ -26,12 +26,6 @@ pub enum Error {
         /// Numbers given.
         found: usize,
     },
-    /// A kind of head that this build cannot run, without the feature `candle`.
-    #[error("heads of kind {kind:?} run on candle: build attn-head with the feature `candle`")]
-    NotBuilt {
-        /// How it gathers neighbours.
-        kind: crate::Kind,
-    },
     /// A tensor has another shape than its use asks for.
     #[cfg(feature = "candle")]
     #[error("{what} has shape {found:?}, expected {expected:?}")]

@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn widened_weights_ignore_what_they_did_not_see() {
-        for &kind in Kind::BUILT {
+        for kind in Kind::ALL {
             let config = Config { kind, neighbours: 2, ..CONFIG };
             let narrow = Weights::recipe(config, "narrow").unwrap();
             assert_eq!(narrow.widened(config.geometry).unwrap(), narrow);

@@ -1,8 +1,8 @@
-//! Memory of the fused forward pass, counted by an allocator. Its own binary: nothing else may allocate meanwhile.
+//! Memory of the fused form, counted by an allocator. Its own binary: nothing else may allocate meanwhile.
 //! `cargo test -p attn-head --test memory -- --nocapture` prints the figures.
 #![allow(unsafe_code, reason = "an allocator that counts is an unsafe trait; it only calls the system's")]
 
-use attn_head::{Config, Inputs, Kind, WIDTH, Weights, fused};
+use attn_head::{Config, Inputs, Kind, OUTPUTS, WIDTH, Weights, fused};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
@@ -40,9 +40,16 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// Bytes that a forward pass of `n` anchors with `k` neighbours takes at most beyond what is in use before.
-fn peak(n: usize, k: usize) -> usize {
-    let config = Config { kind: Kind::Attention, geometry: 9, image: 16, neighbours: k };
+/// What is measured.
+#[derive(Debug, Clone, Copy)]
+enum Pass {
+    Forward,
+    Training,
+}
+
+/// Bytes that a pass of `n` anchors with `k` neighbours takes at most beyond what is in use before.
+fn peak(kind: Kind, pass: Pass, n: usize, k: usize) -> usize {
+    let config = Config { kind, geometry: 9, image: 16, neighbours: k };
     let weights = Weights::initial(config, 1).expect("a valid configuration");
     let number = |i: usize| (i % 17) as f32 / 17.0 - 0.5;
     let geometry: Vec<f32> = (0..n * config.geometry).map(number).collect();
@@ -51,26 +58,51 @@ fn peak(n: usize, k: usize) -> usize {
     let relative: Vec<[f32; 3]> = (0..n * k).map(|i| [number(i), number(i + 5), number(i + 9)]).collect();
     let inputs =
         Inputs { n, k, geometry: &geometry, image: &image, neighbours: &neighbours, relative: &relative };
+    let grad = vec![1.0; n * OUTPUTS];
     let before = IN_USE.load(Relaxed);
     PEAK.store(before, Relaxed);
-    let outputs = fused::forward(&config, &weights.values, &inputs);
-    assert!(outputs.iter().all(|v| v.is_finite()));
+    match pass {
+        Pass::Forward => {
+            let outputs = fused::forward(&config, &weights.values, &inputs);
+            assert!(outputs.iter().all(|v| v.is_finite()));
+        }
+        Pass::Training => {
+            let (_, tape) = fused::forward_recorded(&config, &weights.values, &inputs);
+            let gradients = fused::backward(&config, &weights.values, &inputs, &tape, &grad);
+            assert!(gradients.weights.iter().all(|v| v.is_finite()));
+        }
+    }
     PEAK.load(Relaxed) - before
 }
 
-#[test]
-fn a_forward_pass_holds_rows_of_anchors_but_none_of_pairs() {
-    const N: usize = 20_000;
-    // Threads, which allocate once, before anything is counted.
-    peak(2_000, 20);
-    let row = WIDTH * size_of::<f32>();
-    let [few, many] = [4, 24].map(|k| {
-        let peak = peak(N, k);
-        println!("k = {k}: {:.2} rows of {WIDTH} numbers per anchor", peak as f64 / (N * row) as f64);
+const N: usize = 20_000;
+const ROW: usize = WIDTH * size_of::<f32>();
+
+/// With 4 and with 24 neighbours.
+fn peaks(kind: Kind, pass: Pass) -> [usize; 2] {
+    [4, 24].map(|k| {
+        let peak = peak(kind, pass, N, k);
+        let rows = peak as f64 / (N * ROW) as f64;
+        println!("{kind:?}, {pass:?}, k = {k}: {rows:.2} rows of {WIDTH} numbers per anchor");
         peak
-    });
-    // Features, queries, keys and values of all anchors; pairs are made block by block.
-    assert!(many <= 5 * N * row, "{many} bytes");
-    // Twenty more neighbours would be twenty more rows each.
-    assert!(many <= few + N * row / 4, "{few} bytes with 4 neighbours, {many} with 24");
+    })
+}
+
+/// One test, as nothing else may allocate meanwhile.
+#[test]
+fn passes_hold_rows_of_anchors_but_none_of_pairs() {
+    for kind in Kind::ALL {
+        // Threads, which allocate once, before anything is counted.
+        peak(kind, Pass::Forward, 2_000, 20);
+        let [few, many] = peaks(kind, Pass::Forward);
+        // Features, what anchors show, and outputs; pairs are made block by block.
+        assert!(many <= 5 * N * ROW, "{kind:?}: {many} bytes");
+        // Twenty more neighbours would be twenty more rows each.
+        assert!(many <= few + N * ROW / 4, "{kind:?}: {few} bytes with 4 neighbours, {many} with 24");
+        let [few, many] = peaks(kind, Pass::Training);
+        // Some numbers for each pair, but no rows; and the weights' gradients of 32 ranges.
+        let ranges = 32 << 20;
+        assert!(few <= 16 * N * ROW + ranges, "{kind:?}: {few} bytes");
+        assert!(many <= few + 4 * N * ROW, "{kind:?}: {few} bytes with 4 neighbours, {many} with 24");
+    }
 }

@@ -224,14 +224,19 @@ pub fn multiply(a: Rows<'_>, b: &Packed, c: &mut [f32], stride: usize, add: bool
     dispatch(b.isa, Product { a, b, c, stride, add });
 }
 
-/// C += Aᵀ B, where C has as many rows as A has columns, without gaps: a sum over the rows of both.
+/// C += Aᵀ B, a sum over the rows of both. C has as many rows as A has columns, `stride` apart; what lies between its
+/// rows is left alone.
 ///
 /// # Panics
-/// If A and B differ in their number of rows, or C is of another size.
-pub fn multiply_transposed(isa: Isa, a: Rows<'_>, b: Rows<'_>, c: &mut [f32]) {
+/// If A and B differ in their number of rows, or C is too small.
+pub fn multiply_transposed(isa: Isa, a: Rows<'_>, b: Rows<'_>, c: &mut [f32], stride: usize) {
     assert_eq!(a.count, b.count, "rows of A and B");
-    assert_eq!(c.len(), a.width * b.width, "columns of A times columns of B");
-    dispatch(isa, TransposedProduct { a, b, c });
+    if a.width == 0 || b.width == 0 {
+        return;
+    }
+    assert!(b.width <= stride || a.width == 1, "rows of {} that begin {stride} apart", b.width);
+    assert!((a.width - 1) * stride + b.width <= c.len(), "{} rows, {stride} apart, in {}", a.width, c.len());
+    dispatch(isa, TransposedProduct { a, b, c, stride });
 }
 
 /// Where a tile's sums go.
@@ -310,6 +315,7 @@ struct TransposedProduct<'a> {
     a: Rows<'a>,
     b: Rows<'a>,
     c: &'a mut [f32],
+    stride: usize,
 }
 
 impl WithSimd for TransposedProduct<'_> {
@@ -329,7 +335,7 @@ impl WithSimd for TransposedProduct<'_> {
 impl TransposedProduct<'_> {
     #[inline(always)]
     fn tiles<S: Simd, const VECTORS: usize, const ROWS: usize>(self, simd: S) {
-        let Self { a, b, c } = self;
+        let Self { a, b, c, stride } = self;
         let columns = VECTORS * S::F32_LANES;
         // What is left of B's columns after the last whole tile, and of A's: filled up with zeros.
         let edge_b = edge(b, columns);
@@ -350,7 +356,7 @@ impl TransposedProduct<'_> {
                     (part.values, part.stride),
                     a.count,
                 );
-                let mut into = Into { c: &mut c[left..], stride: b.width, columns: live, add: true };
+                let mut into = Into { c: &mut c[left..], stride, columns: live, add: true };
                 into.store(simd, first, count, &sums);
             }
         }

@@ -1,9 +1,8 @@
 //! A head as an operation of candle: weights and inputs to outputs.
 
 use crate::Result;
+use attn_head::Config;
 use attn_head::fused::{self, Neighbourhood};
-use attn_head::plain::{Network, TensorInputs};
-use attn_head::{Config, Kind};
 use candle_core::{Device, Tensor};
 use sparsesplat::learned::HeadInputs;
 
@@ -23,18 +22,14 @@ impl Net {
     /// Outputs `[n, 38]`, differentiable by `weights`, the numbers of all tensors one after the other: in a `VarMap` the tensors would
     /// have no order, and the length of their gradient would depend on it.
     pub(crate) fn outputs(&self, weights: &Tensor, inputs: HeadInputs) -> Result<Tensor> {
-        if self.config.kind == Kind::Attention {
-            let of = |values: Vec<f32>, width| Tensor::from_vec(values, (inputs.n, width), &Device::Cpu);
-            let geometry = of(inputs.geometry, self.config.geometry)?;
-            let image = of(inputs.image, self.config.image)?;
-            let neighbourhood = Neighbourhood {
-                k: inputs.k,
-                neighbours: inputs.neighbours.into(),
-                relative: inputs.relative.into(),
-            };
-            return Ok(fused::apply(&self.config, weights, &geometry, &image, &neighbourhood)?);
-        }
-        let inputs = TensorInputs::new(&self.config, &inputs.as_inputs(), weights.dtype(), &Device::Cpu)?;
-        Ok(Network::new(self.config, weights)?.forward(&inputs)?)
+        let of = |values: Vec<f32>, width| Tensor::from_vec(values, (inputs.n, width), &Device::Cpu);
+        let geometry = of(inputs.geometry, self.config.geometry)?;
+        let image = of(inputs.image, self.config.image)?;
+        let neighbourhood = Neighbourhood {
+            k: inputs.k,
+            neighbours: inputs.neighbours.into(),
+            relative: inputs.relative.into(),
+        };
+        Ok(fused::apply(&self.config, weights, &geometry, &image, &neighbourhood)?)
     }
 }

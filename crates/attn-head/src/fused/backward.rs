@@ -1,99 +1,49 @@
 //! Gradients, layer by layer from the last to the first.
 
-use super::layer::{Anchors, Layer, Sent, Workspace};
-use super::network::{BLOCK, Network, embedded, keys_values_of};
-use super::pairs::TwoRows;
+use super::layer::{Layer, Workspace};
+use super::maximum::Maxima;
+use super::message::{All, Kept, Message};
+use super::network::{BLOCK, Network, embedded, show};
+use super::perceptron::Hidden;
 use super::sums::{Sums, span};
-use super::transpose::{AllSent, Lookers, gather};
+use super::transpose::Lookers;
 use super::{Gradients, Tape, range_rows};
-use crate::{Config, HEADS, Inputs, Layout, OUTPUTS, WIDTH};
+use crate::{Config, Inputs, Layout, OUTPUTS, WIDTH};
 use cpu_kernels::Rows;
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// The gradients of one call.
-pub(super) struct Backward<'a> {
-    pub(super) config: &'a Config,
-    pub(super) layout: &'a Layout,
-    pub(super) network: &'a Network<'a>,
-    pub(super) inputs: &'a Inputs<'a>,
+pub(super) struct Backward<'b, 'a, M> {
+    pub(super) config: &'b Config,
+    pub(super) layout: &'b Layout,
+    pub(super) network: &'b Network<'a, M>,
+    pub(super) inputs: &'b Inputs<'b>,
 }
 
-/// What a layer keeps for all anchors.
-struct Buffers {
-    keys_values: Vec<TwoRows>,
-    alphas: Vec<[f32; HEADS]>,
-    logits: Vec<[f32; HEADS]>,
-    rows: Vec<TwoRows>,
-}
-
-impl Backward<'_> {
+impl<'a, M: Message<'a>> Backward<'_, 'a, M> {
     pub(super) fn run(&self, tape: &Tape, grad_out: &[f32]) -> Gradients {
-        let Inputs { n, k, .. } = *self.inputs;
+        let n = self.inputs.n;
         let mut weights = vec![0.0; self.layout.len];
         let mut grad = vec![0.0; n * WIDTH];
         let (last, layers) = tape.features.split_last().expect("features before and after layers");
         self.attributes(last, grad_out, &mut grad, &mut weights);
         let lookers = Lookers::new(self.inputs);
-        let mut buffers = Buffers {
-            keys_values: vec![[0.0; 2 * WIDTH]; n],
-            alphas: vec![[0.0; HEADS]; n * (k + 1)],
-            logits: vec![[0.0; HEADS]; n * (k + 1)],
-            rows: vec![[0.0; 2 * WIDTH]; n],
-        };
-        for (l, (layer, x)) in self.network.layers.iter().zip(layers).enumerate().rev() {
-            let span = span(self.layout, &format!("blocks.{l}."));
-            self.layer((layer, x), &mut grad, &lookers, &mut buffers, (span, &mut weights));
+        let mut shown = vec![0.0; n * M::SHOWN];
+        let mut sent: Vec<M::Sent> = (0..n.div_ceil(BLOCK)).map(|_| M::Sent::default()).collect();
+        let recorded = layers.iter().zip(&tape.maxima);
+        for (l, (layer, (x, maxima))) in self.network.layers.iter().zip(recorded).enumerate().rev() {
+            show(layer, x, &mut shown);
+            let of = |part: &str| span(self.layout, &format!("blocks.{l}.{part}"));
+            let step = Step { layer, all: All { inputs: self.inputs, shown: &shown }, x, maxima };
+            step.own(&mut grad, &mut sent, (of(""), &mut weights));
+            // The second step has no part in the weights from `norm2` on.
+            let kept = Kept { lookers: &lookers, maxima, sent: &sent };
+            step.shown(&mut grad, kept, (of("norm1.").start..of("norm2.").start, &mut weights));
         }
-        drop(buffers);
+        drop((shown, sent));
         let (geometry, image) = self.embedding(&grad, &mut weights);
         Gradients { weights, geometry, image }
-    }
-
-    fn layer(
-        &self,
-        (layer, x): (&Layer<'_>, &[f32]),
-        grad: &mut [f32],
-        lookers: &Lookers,
-        buffers: &mut Buffers,
-        (span, weights): (Range<usize>, &mut [f32]),
-    ) {
-        let (inputs, pairs) = (self.inputs, self.inputs.k + 1);
-        let rows = range_rows(inputs.n);
-        let Buffers { keys_values, alphas, logits, rows: sent } = buffers;
-        keys_values_of(layer, x, keys_values);
-        summed(span.clone(), weights, inputs.n, |partial| {
-            let ranges = grad.par_chunks_mut(rows * WIDTH).zip(x.par_chunks(rows * WIDTH));
-            let kept = alphas.par_chunks_mut(rows * pairs).zip(logits.par_chunks_mut(rows * pairs));
-            let kept = kept.zip(sent.par_chunks_mut(rows)).zip(partial);
-            ranges.zip(kept).enumerate().for_each(
-                |(range, ((grad, x), (((alphas, logits), sent), mut sums)))| {
-                    let mut work = Workspace::default();
-                    let blocks = grad.chunks_mut(BLOCK * WIDTH).zip(x.chunks(BLOCK * WIDTH));
-                    let kept = alphas.chunks_mut(BLOCK * pairs).zip(logits.chunks_mut(BLOCK * pairs));
-                    let kept = kept.zip(sent.chunks_mut(BLOCK));
-                    for (block, ((grad, x), ((alphas, logits), rows_sent))) in blocks.zip(kept).enumerate() {
-                        let anchors = Anchors { first: range * rows + block * BLOCK, inputs, keys_values };
-                        let mut sent = Sent { alphas, logits, rows: rows_sent };
-                        layer.backward(anchors, x, grad, &mut sent, &mut sums, &mut work);
-                    }
-                },
-            );
-        });
-        let sent = AllSent { alphas, logits, rows: sent };
-        summed(span, weights, inputs.n, |partial| {
-            let ranges = grad.par_chunks_mut(rows * WIDTH).zip(x.par_chunks(rows * WIDTH)).zip(partial);
-            ranges.enumerate().for_each(|(range, ((grad, x), mut sums))| {
-                let mut work = Workspace::default();
-                let mut gathered = vec![[0.0; 2 * WIDTH]; BLOCK];
-                let blocks = grad.chunks_mut(BLOCK * WIDTH).zip(x.chunks(BLOCK * WIDTH));
-                for (block, (grad, x)) in blocks.enumerate() {
-                    let gathered = &mut gathered[..x.len() / WIDTH];
-                    gather(layer.isa, sent, lookers, range * rows + block * BLOCK, gathered);
-                    layer.keys_values_backward(x, gathered, grad, &mut sums, &mut work);
-                }
-            });
-        });
     }
 
     /// The perceptron at the end: adds to the gradient of the features.
@@ -104,7 +54,7 @@ impl Backward<'_> {
             let ranges = grad.par_chunks_mut(rows * WIDTH).zip(x.par_chunks(rows * WIDTH));
             let ranges = ranges.zip(grad_out.par_chunks(rows * OUTPUTS)).zip(partial);
             ranges.for_each(|(((grad, x), grad_out), mut sums)| {
-                let mut work = Workspace::default();
+                let mut hidden = Hidden::default();
                 let (mut normal, mut grad_normal) = (Vec::new(), Vec::new());
                 let blocks = grad.chunks_mut(BLOCK * WIDTH).zip(x.chunks(BLOCK * WIDTH));
                 for ((grad, x), grad_out) in blocks.zip(grad_out.chunks(BLOCK * OUTPUTS)) {
@@ -118,7 +68,7 @@ impl Backward<'_> {
                         Rows::new(grad_out, count, OUTPUTS),
                         &mut grad_normal,
                         &mut sums,
-                        &mut work.hidden,
+                        &mut hidden,
                     );
                     self.network.norm.backward(x, &grad_normal, grad, &mut sums);
                 }
@@ -141,7 +91,7 @@ impl Backward<'_> {
             summed(span(self.layout, name), weights, n, |partial| {
                 let ranges = grad_x.par_chunks_mut(rows * width).zip(partial);
                 ranges.enumerate().for_each(|(range, (grad_x, mut sums))| {
-                    let Workspace { mut hidden, .. } = Workspace::default();
+                    let mut hidden = Hidden::default();
                     for (block, grad_x) in grad_x.chunks_mut(BLOCK * width).enumerate() {
                         let first = range * rows + block * BLOCK;
                         let here = first..first + grad_x.len() / width;
@@ -156,6 +106,53 @@ impl Backward<'_> {
     }
 }
 
+/// A layer's part of the gradients.
+struct Step<'s, 'a, M> {
+    layer: &'s Layer<'a, M>,
+    all: All<'s>,
+    x: &'s [f32],
+    maxima: &'s [Maxima],
+}
+
+impl<'a, M: Message<'a>> Step<'_, 'a, M> {
+    /// All but what comes through what the anchors show.
+    fn own(&self, grad: &mut [f32], sent: &mut [M::Sent], (span, weights): (Range<usize>, &mut [f32])) {
+        let rows = range_rows(self.all.inputs.n);
+        summed(span, weights, self.all.inputs.n, |partial| {
+            let ranges = grad.par_chunks_mut(rows * WIDTH).zip(self.x.par_chunks(rows * WIDTH));
+            let kept = self.maxima.par_chunks(rows / BLOCK).zip(sent.par_chunks_mut(rows / BLOCK));
+            let ranges = ranges.zip(kept).zip(partial).enumerate();
+            ranges.for_each(|(range, (((grad, x), (maxima, sent)), mut sums))| {
+                let mut work = Workspace::default();
+                let blocks = grad.chunks_mut(BLOCK * WIDTH).zip(x.chunks(BLOCK * WIDTH));
+                for (block, ((grad, x), kept)) in blocks.zip(maxima.iter().zip(sent)).enumerate() {
+                    let first = range * rows + block * BLOCK;
+                    self.layer.backward((self.all, first), x, grad, kept, &mut sums, &mut work);
+                }
+            });
+        });
+    }
+
+    /// What comes through what the anchors show.
+    fn shown(&self, grad: &mut [f32], kept: Kept<'_, M::Sent>, (span, weights): (Range<usize>, &mut [f32])) {
+        let rows = range_rows(self.all.inputs.n);
+        summed(span, weights, self.all.inputs.n, |partial| {
+            let ranges = grad.par_chunks_mut(rows * WIDTH).zip(self.x.par_chunks(rows * WIDTH)).zip(partial);
+            ranges.enumerate().for_each(|(range, ((grad, x), mut sums))| {
+                let mut work = Workspace::default();
+                let blocks = grad.chunks_mut(BLOCK * WIDTH).zip(x.chunks(BLOCK * WIDTH));
+                for (block, (grad, x)) in blocks.enumerate() {
+                    let first = range * rows + block * BLOCK;
+                    self.layer.shown_backward((self.all, first), x, grad, kept, &mut sums, &mut work);
+                }
+            });
+        });
+    }
+}
+
+/// Numbers of the weights that a task adds up over all ranges.
+const SUMMED: usize = 8192;
+
 /// Gradients of the weights in `span`: `work` fills one zeroed sum for each range of anchors, in any order, and they
 /// are added up from the first range to the last.
 fn summed(
@@ -168,8 +165,12 @@ fn summed(
     let mut partial = vec![0.0; ranges * span.len()];
     let each: Vec<_> = partial.chunks_mut(span.len()).map(|values| Sums::new(span.start, values)).collect();
     work(each.into_par_iter());
-    let total = &mut weights[span];
-    for partial in partial.chunks(total.len()) {
-        total.iter_mut().zip(partial).for_each(|(sum, v)| *sum += v);
-    }
+    let len = span.len();
+    let total = weights[span].par_chunks_mut(SUMMED);
+    total.enumerate().for_each(|(chunk, total)| {
+        for partial in partial.chunks(len) {
+            let partial = &partial[chunk * SUMMED..][..total.len()];
+            total.iter_mut().zip(partial).for_each(|(sum, v)| *sum += v);
+        }
+    });
 }

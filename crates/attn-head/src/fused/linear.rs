@@ -3,16 +3,21 @@
 use super::sums::{Place, Sums};
 use crate::Layout;
 use cpu_kernels::{Isa, Packed, Rows, multiply, multiply_transposed, rows};
+use std::ops::Range;
 use std::sync::OnceLock;
 
-/// y = W x + b.
+/// y = W x + b, or the part of a layer for some of its inputs.
 #[derive(Debug)]
 pub(super) struct Linear<'a> {
     pub(super) inputs: usize,
     pub(super) outputs: usize,
-    weight: &'a [f32],
-    bias: &'a [f32],
+    weight: Rows<'a>,
+    /// None of a part without the first input.
+    bias: Option<&'a [f32]>,
+    /// The whole weight, whose rows are `stride` long, and where the part begins in a row.
     weight_at: Place,
+    stride: usize,
+    first: usize,
     bias_at: Place,
     /// Wᵀ, which rows are multiplied with.
     forward: Packed,
@@ -22,39 +27,101 @@ pub(super) struct Linear<'a> {
 
 impl<'a> Linear<'a> {
     pub(super) fn new(isa: Isa, layout: &Layout, values: &'a [f32], name: &str) -> Self {
+        let (weight, bias) = Place::pair(layout, name);
+        let inputs = weight.of(values).len() / bias.of(values).len();
+        Self::part(isa, layout, values, name, 0..inputs)
+    }
+
+    /// One layer for each group of inputs, one group behind the other. Their outputs add up to those of the whole.
+    pub(super) fn parts<const N: usize>(
+        isa: Isa,
+        layout: &Layout,
+        values: &'a [f32],
+        name: &str,
+        widths: [usize; N],
+    ) -> [Self; N] {
+        let mut end = 0;
+        widths.map(|width| {
+            let first = end;
+            end += width;
+            Self::part(isa, layout, values, name, first..end)
+        })
+    }
+
+    fn part(isa: Isa, layout: &Layout, values: &'a [f32], name: &str, columns: Range<usize>) -> Self {
         let (weight_at, bias_at) = Place::pair(layout, name);
         let (weight, bias) = (weight_at.of(values), bias_at.of(values));
-        let (outputs, inputs) = (bias.len(), weight.len() / bias.len());
-        let forward = Packed::transposed(isa, Rows::new(weight, outputs, inputs));
-        let backward = OnceLock::new();
-        Self { inputs, outputs, weight, bias, weight_at, bias_at, forward, backward }
+        let (outputs, stride) = (bias.len(), weight.len() / bias.len());
+        let weight = Rows::new(weight, outputs, stride).columns(columns.start, columns.len());
+        Self {
+            inputs: columns.len(),
+            outputs,
+            weight,
+            bias: (columns.start == 0).then_some(bias),
+            weight_at,
+            stride,
+            first: columns.start,
+            bias_at,
+            forward: Packed::transposed(isa, weight),
+            backward: OnceLock::new(),
+        }
+    }
+
+    /// W, a row for each output.
+    pub(super) fn weight(&self) -> Rows<'a> {
+        self.weight
+    }
+
+    /// W x of rows to the first columns of rows `stride` apart, or added to them; without the bias.
+    pub(super) fn product(&self, x: Rows<'_>, out: &mut [f32], stride: usize, add: bool) {
+        multiply(x, &self.forward, out, stride, add);
     }
 
     /// Rows of `inputs` to the first columns of rows `stride` apart.
     pub(super) fn apply(&self, x: Rows<'_>, out: &mut [f32], stride: usize) {
-        for row in out.chunks_mut(stride) {
-            row[..self.outputs].copy_from_slice(self.bias);
+        if let Some(bias) = self.bias {
+            for row in out.chunks_mut(stride) {
+                row[..self.outputs].copy_from_slice(bias);
+            }
         }
-        multiply(x, &self.forward, out, stride, true);
+        self.product(x, out, stride, self.bias.is_some());
     }
 
     /// Adds the layer's output to rows of `outputs`.
     pub(super) fn add(&self, x: Rows<'_>, out: &mut [f32]) {
-        rows::add_to_each(self.forward.isa(), out, self.bias);
-        multiply(x, &self.forward, out, self.outputs, true);
+        self.add_bias(out);
+        self.product(x, out, self.outputs, true);
+    }
+
+    /// Adds the bias to rows of `outputs`.
+    pub(super) fn add_bias(&self, out: &mut [f32]) {
+        if let Some(bias) = self.bias {
+            rows::add_to_each(self.forward.isa(), out, bias);
+        }
     }
 
     /// Adds Wᵀ times the gradient of the output to the input's.
     pub(super) fn input_gradient(&self, grad_out: Rows<'_>, grad_x: &mut [f32]) {
-        let weight = Rows::new(self.weight, self.outputs, self.inputs);
-        let backward = self.backward.get_or_init(|| Packed::rows(self.forward.isa(), weight));
+        let backward = self.backward.get_or_init(|| Packed::rows(self.forward.isa(), self.weight));
         multiply(grad_out, backward, grad_x, self.inputs, true);
     }
 
     /// Adds to the parameters' gradients.
     pub(super) fn weight_gradient(&self, x: Rows<'_>, grad_out: Rows<'_>, sums: &mut Sums<'_>) {
-        let isa = self.forward.isa();
-        multiply_transposed(isa, grad_out, x, sums.at(self.weight_at));
-        rows::add_sum(isa, grad_out, sums.at(self.bias_at));
+        let (sum, stride) = self.weight_sum(sums);
+        multiply_transposed(self.forward.isa(), grad_out, x, sum, stride);
+        self.bias_gradient(grad_out, sums);
+    }
+
+    /// Adds to the bias's gradient.
+    pub(super) fn bias_gradient(&self, grad_out: Rows<'_>, sums: &mut Sums<'_>) {
+        if self.bias.is_some() {
+            rows::add_sum(self.forward.isa(), grad_out, sums.at(self.bias_at));
+        }
+    }
+
+    /// The gradient of W: rows of `inputs`, and how far apart they begin.
+    pub(super) fn weight_sum<'s>(&self, sums: &'s mut Sums<'_>) -> (&'s mut [f32], usize) {
+        (&mut sums.at(self.weight_at)[self.first..], self.stride)
     }
 }

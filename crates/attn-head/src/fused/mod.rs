@@ -1,49 +1,50 @@
-//! Inference and gradients of the geo-aware attention head on the CPU, without a row of features for every pair.
+//! Inference and gradients of the heads on the CPU, without a row of features for every pair.
 //!
-//! Anchor i with query q looks at j with key k_j and value v_j, by head c of width 32:
+//! The kinds share all but the message that an anchor gets from its neighbours, see the modules `attention`, `maximum`
+//! (edge convolution and max pooling) and `mlp`. What depends on one anchor alone is computed once for each. The
+//! rows of pairs are made block by block, stay in the caches, and are made again for the gradient.
 //!
-//! ```text
-//! h_ij     = ReLU(W1 (p_j - p_i) + b1)                         [128], for all heads
-//! d_ij     = W2 h_ij + b2                                      [128], 32 for each head
-//! logit_cj = (q - k_j + d_ij)[c] . q[c] / sqrt(32)
-//! o[c]     = sum over j of alpha_cj (v_j + d_ij)[c],           alpha_c = softmax of logit_c
-//! ```
+//! The gradient goes backwards from the features before every layer. Each anchor gathers the gradient of what it shows from the
+//! anchors that it is a neighbour of, in their order; gradients of weights are summed over fixed ranges of anchors, then
+//! over ranges. Neither depends on the number of threads.
 //!
-//! Softmax ignores terms that all logits of an anchor share, |q|² and b2 . q, and its weights add up to 1. So W2 is applied
-//! to anchors instead of pairs, on both sides of the softmax:
+//! Memory beyond inputs and outputs, in buffers of `[n, 128]` numbers:
 //!
-//! ```text
-//! u_c      = W2[c]ᵀ q[c] / sqrt(32)                            [128]
-//! logit_cj = u_c . h_ij - k_j[c] . q[c] / sqrt(32)             up to a number that is the same for all j
-//! g_c      = sum over j of alpha_cj h_ij                       [128]
-//! o[c]     = W2[c] g_c + b2[c] + sum over j of alpha_cj v_j[c]
-//! ```
+//! | | inference | gradients, with the tape |
+//! |---|---|---|
+//! | attention | 3 | 9, and 8 numbers for every pair |
+//! | edge convolution | 3 | 14, and 3 bytes for every pair |
+//! | max pooling | 2 | 12, and 3 bytes for every pair |
+//! | MLP | 1 | 5, and 16 numbers for every pair |
 //!
-//! A pair costs 3 x 128 products for h_ij, which is recomputed where it is needed, and 4 x 128 for each of u and g.
-//! Everything else is a product of matrices over blocks of anchors.
-//!
-//! The gradient follows the same path backwards from the features before every layer. Each anchor gathers the gradients of its key and value
-//! from the anchors that it is a neighbour of, in their order; gradients of weights are summed
-//! over fixed ranges of anchors, then over ranges. Neither depends on the number of threads.
-//!
-//! Memory beyond inputs and outputs: for inference 3 buffers of `[n, 128]` numbers (features, keys, values) and some
-//! 0.5 MB for each thread; for gradients 9 such buffers, 8 numbers and an index for every pair, and for each of up to
-//! 32 ranges the gradients of one layer's weights, 27 MB in all.
+//! An index for every pair, some 0.5 MB for each thread, and for each of up to 32 ranges the gradients of one layer's
+//! weights, 27 MB in all, come on top.
 
+mod attention;
 mod backward;
+mod edge_conv;
 mod layer;
 mod linear;
+mod max_pool;
+mod maximum;
+mod message;
+mod mlp;
 mod network;
 mod norm;
 #[cfg(feature = "candle")]
 mod op;
-mod pairs;
 mod perceptron;
 mod sums;
 mod transpose;
 
-use crate::{Config, Inputs, LAYERS, Layout, OUTPUTS};
+use crate::{Config, Inputs, Kind, Layout, OUTPUTS};
+use attention::Attention;
 use backward::Backward;
+use edge_conv::EdgeConv;
+use max_pool::MaxPool;
+use maximum::Maxima;
+use message::Message;
+use mlp::Mlp;
 use network::{BLOCK, Network};
 
 #[cfg(feature = "candle")]
@@ -60,17 +61,19 @@ fn range_rows(n: usize) -> usize {
 /// Outputs `[n, 38]` of the head with `weights` as [`Layout`] orders them, for inputs that [`Inputs::check`] accepts.
 ///
 /// # Panics
-/// If the head is of another kind than attention, or there are too few or too many weights.
+/// If there are too few or too many weights.
 #[must_use]
 pub fn forward(config: &Config, weights: &[f32], inputs: &Inputs<'_>) -> Vec<f32> {
-    Network::new(config, &Layout::new(config), weights).run(config, inputs, |_| {})
+    outputs(config, weights, inputs, None)
 }
 
-/// What [`backward`] needs of a forward pass: the features before every layer and after the last,
-/// 4 buffers of `[n, 128]`.
-#[derive(Debug, Clone)]
+/// What [`backward`] needs of a forward pass: the features before every layer and after the last, 4 buffers of
+/// `[n, 128]`; of edge convolution and max pooling also the maxima, and which pair has each, 3 times 1.25 buffers.
+#[derive(Debug, Clone, Default)]
 pub struct Tape {
     features: Vec<Vec<f32>>,
+    /// For each layer, one for each block of anchors.
+    maxima: Vec<Vec<Maxima>>,
 }
 
 /// As [`forward`], with what [`backward`] needs.
@@ -79,10 +82,25 @@ pub struct Tape {
 /// As [`forward`].
 #[must_use]
 pub fn forward_recorded(config: &Config, weights: &[f32], inputs: &Inputs<'_>) -> (Vec<f32>, Tape) {
-    let mut features = Vec::with_capacity(LAYERS + 1);
-    let network = Network::new(config, &Layout::new(config), weights);
-    let out = network.run(config, inputs, |x| features.push(x.to_vec()));
-    (out, Tape { features })
+    let mut tape = Tape::default();
+    (outputs(config, weights, inputs, Some(&mut tape)), tape)
+}
+
+fn outputs(config: &Config, weights: &[f32], inputs: &Inputs<'_>, tape: Option<&mut Tape>) -> Vec<f32> {
+    fn of<'a, M: Message<'a>>(
+        config: &Config,
+        weights: &'a [f32],
+        inputs: &Inputs<'_>,
+        tape: Option<&mut Tape>,
+    ) -> Vec<f32> {
+        Network::<M>::new(&Layout::new(config), weights).run(config, inputs, tape)
+    }
+    match config.kind {
+        Kind::Attention => of::<Attention<'_>>(config, weights, inputs, tape),
+        Kind::Mlp => of::<Mlp<'_>>(config, weights, inputs, tape),
+        Kind::EdgeConv => of::<EdgeConv<'_>>(config, weights, inputs, tape),
+        Kind::MaxPool => of::<MaxPool<'_>>(config, weights, inputs, tape),
+    }
 }
 
 /// Derivatives of a loss.
@@ -96,7 +114,8 @@ pub struct Gradients {
     pub image: Vec<f32>,
 }
 
-/// Gradients from those of the outputs `[n, 38]`; `tape` is that of the same weights and inputs.
+/// Gradients from those of the outputs `[n, 38]`; `tape` is that of the same weights and inputs. The gradient of a maximum that
+/// several pairs share goes to the first of them.
 ///
 /// # Panics
 /// As [`forward`], or if `grad_out` or the tape is of another number of anchors.
@@ -108,8 +127,21 @@ pub fn backward(
     tape: &Tape,
     grad_out: &[f32],
 ) -> Gradients {
+    fn of<'a, M: Message<'a>>(
+        (config, weights, inputs): (&Config, &'a [f32], &Inputs<'_>),
+        tape: &Tape,
+        grad_out: &[f32],
+    ) -> Gradients {
+        let layout = &Layout::new(config);
+        let network = &Network::<M>::new(layout, weights);
+        Backward { config, layout, network, inputs }.run(tape, grad_out)
+    }
     assert_eq!(grad_out.len(), inputs.n * OUTPUTS, "gradients of the outputs");
-    let layout = &Layout::new(config);
-    let network = &Network::new(config, layout, weights);
-    Backward { config, layout, network, inputs }.run(tape, grad_out)
+    let head = (config, weights, inputs);
+    match config.kind {
+        Kind::Attention => of::<Attention<'_>>(head, tape, grad_out),
+        Kind::Mlp => of::<Mlp<'_>>(head, tape, grad_out),
+        Kind::EdgeConv => of::<EdgeConv<'_>>(head, tape, grad_out),
+        Kind::MaxPool => of::<MaxPool<'_>>(head, tape, grad_out),
+    }
 }

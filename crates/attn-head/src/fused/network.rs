@@ -1,11 +1,12 @@
 //! All parameters, packed for matrix products, and the forward pass.
 
-use super::layer::{Anchors, Layer, Workspace};
+use super::layer::{Layer, Workspace};
+use super::maximum::Maxima;
+use super::message::{All, Message};
 use super::norm::Norm;
-use super::pairs::TwoRows;
-use super::perceptron::Perceptron;
-use super::range_rows;
-use crate::{Config, HEADS, Inputs, Kind, LAYERS, Layout, OUTPUTS, WIDTH};
+use super::perceptron::{Hidden, Perceptron};
+use super::{Tape, range_rows};
+use crate::{Config, Inputs, LAYERS, Layout, OUTPUTS, WIDTH};
 use cpu_kernels::{Activation, Isa, Rows};
 use rayon::prelude::*;
 
@@ -15,18 +16,17 @@ pub(super) const BLOCK: usize = 48;
 
 /// The parameters.
 #[derive(Debug)]
-pub(super) struct Network<'a> {
+pub(super) struct Network<'a, M> {
     pub(super) geometry: Perceptron<'a>,
     pub(super) image: Perceptron<'a>,
-    pub(super) layers: [Layer<'a>; LAYERS],
+    pub(super) layers: [Layer<'a, M>; LAYERS],
     pub(super) norm: Norm<'a>,
     pub(super) out: Perceptron<'a>,
 }
 
-impl<'a> Network<'a> {
-    pub(super) fn new(config: &Config, layout: &Layout, values: &'a [f32]) -> Self {
+impl<'a, M: Message<'a>> Network<'a, M> {
+    pub(super) fn new(layout: &Layout, values: &'a [f32]) -> Self {
         let isa = Isa::in_use();
-        assert_eq!(config.kind, Kind::Attention, "the kind of head that the fused form computes");
         assert_eq!(values.len(), layout.len, "numbers in the weights");
         Self {
             geometry: Perceptron::new(isa, layout, values, "phi_g", Activation::Relu),
@@ -37,18 +37,27 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Outputs `[n, 38]`. `keep` sees the features `[n, 128]` before every layer and after the last.
-    pub(super) fn run(&self, config: &Config, inputs: &Inputs<'_>, mut keep: impl FnMut(&[f32])) -> Vec<f32> {
+    /// Outputs `[n, 38]`; `tape` is filled if there is one.
+    pub(super) fn run(&self, config: &Config, inputs: &Inputs<'_>, mut tape: Option<&mut Tape>) -> Vec<f32> {
         let mut x = self.embed(config, inputs);
-        let mut keys_values = vec![[0.0; 2 * WIDTH]; inputs.n];
+        let mut shown = vec![0.0; inputs.n * M::SHOWN];
         for layer in &self.layers {
-            keep(&x);
-            keys_values_of(layer, &x, &mut keys_values);
-            forward(layer, inputs, &keys_values, &mut x);
+            let mut maxima = vec![Maxima::default(); inputs.n.div_ceil(BLOCK)];
+            show(layer, &x, &mut shown);
+            if let Some(tape) = &mut tape {
+                tape.features.push(x.clone());
+            }
+            forward(layer, All { inputs, shown: &shown }, &mut x, &mut maxima, tape.is_some());
+            if let Some(tape) = &mut tape {
+                tape.maxima.push(maxima);
+            }
         }
-        keep(&x);
-        drop(keys_values);
-        self.attributes(inputs.n, &x)
+        drop(shown);
+        let out = self.attributes(inputs.n, &x);
+        if let Some(tape) = tape {
+            tape.features.push(x);
+        }
+        out
     }
 
     fn embed(&self, config: &Config, inputs: &Inputs<'_>) -> Vec<f32> {
@@ -56,12 +65,12 @@ impl<'a> Network<'a> {
         let (geometry, image) = embedded(config, inputs);
         let rows = range_rows(inputs.n);
         x.par_chunks_mut(rows * WIDTH).enumerate().for_each(|(range, x)| {
-            let mut work = Workspace::default();
+            let mut hidden = Hidden::default();
             for (block, x) in x.chunks_mut(BLOCK * WIDTH).enumerate() {
                 let first = range * rows + block * BLOCK;
                 let here = first..first + x.len() / WIDTH;
-                self.geometry.apply(geometry.slice(here.clone()), x, WIDTH, &mut work.hidden);
-                self.image.apply(image.slice(here), &mut x[WIDTH / 2..], WIDTH, &mut work.hidden);
+                self.geometry.apply(geometry.slice(here.clone()), x, WIDTH, &mut hidden);
+                self.image.apply(image.slice(here), &mut x[WIDTH / 2..], WIDTH, &mut hidden);
             }
         });
         x
@@ -72,12 +81,12 @@ impl<'a> Network<'a> {
         let rows = range_rows(n);
         let ranges = out.par_chunks_mut(rows * OUTPUTS).zip(x.par_chunks(rows * WIDTH));
         ranges.for_each(|(out, x)| {
-            let (mut work, mut normal) = (Workspace::default(), [0.0; BLOCK * WIDTH]);
+            let (mut hidden, mut normal) = (Hidden::default(), [0.0; BLOCK * WIDTH]);
             for (out, x) in out.chunks_mut(BLOCK * OUTPUTS).zip(x.chunks(BLOCK * WIDTH)) {
                 let normal = &mut normal[..x.len()];
                 self.norm.apply(x, normal);
                 let normal = Rows::new(normal, x.len() / WIDTH, WIDTH);
-                self.out.apply(normal, out, OUTPUTS, &mut work.hidden);
+                self.out.apply(normal, out, OUTPUTS, &mut hidden);
             }
         });
         out
@@ -89,26 +98,31 @@ pub(super) fn embedded<'a>(config: &Config, inputs: &Inputs<'a>) -> (Rows<'a>, R
     (Rows::new(inputs.geometry, inputs.n, config.geometry), Rows::new(inputs.image, inputs.n, config.image))
 }
 
-/// Keys and values of all anchors.
-pub(super) fn keys_values_of(layer: &Layer<'_>, x: &[f32], out: &mut [TwoRows]) {
-    let rows = range_rows(out.len());
-    out.par_chunks_mut(rows).zip(x.par_chunks(rows * WIDTH)).for_each(|(out, x)| {
+/// What all anchors show.
+pub(super) fn show<'a, M: Message<'a>>(layer: &Layer<'a, M>, x: &[f32], shown: &mut [f32]) {
+    let rows = range_rows(x.len() / WIDTH);
+    shown.par_chunks_mut(rows * M::SHOWN).zip(x.par_chunks(rows * WIDTH)).for_each(|(shown, x)| {
         let mut work = Workspace::default();
-        for (out, x) in out.chunks_mut(BLOCK).zip(x.chunks(BLOCK * WIDTH)) {
-            layer.keys_values(x, out.as_flattened_mut(), &mut work);
+        for (shown, x) in shown.chunks_mut(BLOCK * M::SHOWN).zip(x.chunks(BLOCK * WIDTH)) {
+            layer.show(x, shown, &mut work);
         }
     });
 }
 
-fn forward(layer: &Layer<'_>, inputs: &Inputs<'_>, keys_values: &[TwoRows], x: &mut [f32]) {
-    let rows = range_rows(inputs.n);
-    x.par_chunks_mut(rows * WIDTH).enumerate().for_each(|(range, x)| {
+fn forward<'a, M: Message<'a>>(
+    layer: &Layer<'a, M>,
+    all: All<'_>,
+    x: &mut [f32],
+    maxima: &mut [Maxima],
+    record: bool,
+) {
+    let rows = range_rows(all.inputs.n);
+    let ranges = x.par_chunks_mut(rows * WIDTH).zip(maxima.par_chunks_mut(rows / BLOCK));
+    ranges.enumerate().for_each(|(range, (x, maxima))| {
         let mut work = Workspace::default();
-        let mut alphas = vec![[0.0; HEADS]; BLOCK * (inputs.k + 1)];
-        for (block, x) in x.chunks_mut(BLOCK * WIDTH).enumerate() {
-            let anchors = Anchors { first: range * rows + block * BLOCK, inputs, keys_values };
-            let alphas = &mut alphas[..x.len() / WIDTH * (inputs.k + 1)];
-            layer.forward(anchors, x, alphas, &mut work);
+        for (block, (x, maxima)) in x.chunks_mut(BLOCK * WIDTH).zip(maxima).enumerate() {
+            let first = range * rows + block * BLOCK;
+            layer.forward((all, first), x, record.then_some(maxima), &mut work);
         }
     });
 }

@@ -1,7 +1,7 @@
 //! The fused form as an operation of candle.
 
 use super::{Tape, backward, forward, forward_recorded};
-use crate::{Config, Inputs, Kind, Layout, OUTPUTS};
+use crate::{Config, Inputs, Layout, OUTPUTS};
 use candle_core::{CpuStorage, CustomOp3, Layout as Strides, Result, Shape, Tensor, bail};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -22,8 +22,7 @@ pub struct Neighbourhood {
 /// follows from one.
 ///
 /// # Errors
-/// If a tensor is of another type, shape or device, or strided; if [`Inputs::check`] fails; if the head is of another
-/// kind than attention.
+/// If a tensor is of another type, shape or device, or strided; if [`Inputs::check`] fails.
 pub fn apply(
     config: &Config,
     weights: &Tensor,
@@ -31,9 +30,6 @@ pub fn apply(
     image: &Tensor,
     neighbourhood: &Neighbourhood,
 ) -> Result<Tensor> {
-    if config.kind != Kind::Attention {
-        bail!("a head of kind {:?}, expected {:?}", config.kind, Kind::Attention);
-    }
     let n = geometry.dims2()?.0;
     let shapes = [
         ("weights", weights, vec![Layout::new(config).len]),

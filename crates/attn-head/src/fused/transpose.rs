@@ -1,9 +1,6 @@
 //! The transposed neighbour lists: for each anchor, the anchors that it is a neighbour of.
 
-use super::pairs::{SUMS, TwoRows};
-use crate::{HEAD_WIDTH, HEADS, Inputs};
-use cpu_kernels::pulp::{Simd, WithSimd};
-use cpu_kernels::{Isa, dispatch};
+use crate::Inputs;
 
 /// For every anchor those that have it as a neighbour, in ascending order.
 #[derive(Debug)]
@@ -12,7 +9,8 @@ pub(super) struct Lookers {
     starts: Vec<usize>,
     /// Places in `Inputs::neighbours`.
     pairs: Vec<usize>,
-    k: usize,
+    /// Neighbours of each.
+    pub(super) k: usize,
 }
 
 impl Lookers {
@@ -33,63 +31,16 @@ impl Lookers {
         Self { starts, pairs, k: inputs.k }
     }
 
-    /// Those who look at `anchor`, itself first, and the place of the pair among `[n, k + 1]`.
+    /// Those who look at `anchor`, itself first, and its place among the k + 1 that each looks at.
     #[inline(always)]
-    fn of(&self, anchor: usize) -> impl Iterator<Item = (usize, usize)> {
-        let others = self.pairs[self.starts[anchor]..self.starts[anchor + 1]].iter();
-        let place = |&pair: &usize| (pair / self.k, pair + pair / self.k + 1);
-        std::iter::once((anchor, anchor * (self.k + 1))).chain(others.map(place))
+    pub(super) fn of(&self, anchor: usize) -> impl Iterator<Item = (usize, usize)> {
+        std::iter::once((anchor, 0)).chain(self.others(anchor))
     }
-}
 
-/// What every anchor sends to those it looks at, see [`super::layer::Sent`].
-#[derive(Debug, Clone, Copy)]
-pub(super) struct AllSent<'a> {
-    pub(super) alphas: &'a [[f32; HEADS]],
-    pub(super) logits: &'a [[f32; HEADS]],
-    pub(super) rows: &'a [TwoRows],
-}
-
-/// Gradients of the keys and values of the anchors from `first` on.
-pub(super) fn gather(isa: Isa, sent: AllSent<'_>, lookers: &Lookers, first: usize, out: &mut [TwoRows]) {
-    dispatch(isa, Gather { sent, lookers, first, out });
-}
-
-struct Gather<'a> {
-    sent: AllSent<'a>,
-    lookers: &'a Lookers,
-    first: usize,
-    out: &'a mut [TwoRows],
-}
-
-impl WithSimd for Gather<'_> {
-    type Output = ();
-
+    /// The same without itself.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { sent, lookers, first, out } = self;
-        let per_part = HEAD_WIDTH / S::F32_LANES;
-        let mut parts: Vec<(&TwoRows, [f32; 2 * HEADS])> = Vec::new();
-        for (j, out) in out.iter_mut().enumerate() {
-            parts.clear();
-            parts.extend(lookers.of(first + j).map(|(i, pair)| {
-                // A logit has the key with the sign minus.
-                let (alpha, logit) = (sent.alphas[pair], sent.logits[pair]);
-                let weight = |c: usize| if c < HEADS { -logit[c] } else { alpha[c - HEADS] };
-                (&sent.rows[i], std::array::from_fn(weight))
-            }));
-            let out = S::as_mut_simd_f32s(out).0.as_chunks_mut::<SUMS>().0;
-            for (chunk, out) in out.iter_mut().enumerate() {
-                let mut sums = [simd.splat_f32s(0.0); SUMS];
-                for (row, weights) in &parts {
-                    let row = &S::as_simd_f32s(*row).0.as_chunks::<SUMS>().0[chunk];
-                    for (i, sum) in sums.iter_mut().enumerate() {
-                        let weight = simd.splat_f32s(weights[(chunk * SUMS + i) / per_part]);
-                        *sum = simd.mul_add_e_f32s(weight, row[i], *sum);
-                    }
-                }
-                *out = sums;
-            }
-        }
+    pub(super) fn others(&self, anchor: usize) -> impl Iterator<Item = (usize, usize)> {
+        let pairs = self.pairs[self.starts[anchor]..self.starts[anchor + 1]].iter();
+        pairs.map(|&pair| (pair / self.k, pair % self.k + 1))
     }
 }

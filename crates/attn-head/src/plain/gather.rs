@@ -4,36 +4,26 @@ use super::layers::{Perceptron, max, part};
 use crate::{Config, HEAD_WIDTH, HEADS, Kind, MESSAGE, WIDTH};
 use candle_core::{Result, Tensor};
 use candle_nn::{Linear, Module, VarBuilder, linear, ops};
-use std::ops::Range;
 
-/// The anchors of one chunk, and whom they see: `seen` each, first itself.
+/// Whom the anchors see: `seen` each, first itself.
 pub(super) struct Neighbourhood {
-    pub(super) anchors: Range<usize>,
+    pub(super) n: usize,
     pub(super) seen: usize,
-    /// Index, `[anchors * seen]`.
+    /// Index, `[n * seen]`.
     pub(super) index: Tensor,
-    /// p_j - p_i, `[anchors, seen, 3]`.
+    /// p_j - p_i, `[n, seen, 3]`.
     pub(super) relative: Tensor,
 }
 
 impl Neighbourhood {
-    fn len(&self) -> usize {
-        self.anchors.len()
-    }
-
-    /// Rows of the chunk's anchors, `[n, ..]` to `[anchors, ..]`.
-    pub(super) fn own(&self, x: &Tensor) -> Result<Tensor> {
-        x.narrow(0, self.anchors.start, self.len())
-    }
-
-    /// Rows of those seen, `[n, width]` to `[anchors, seen, width]`.
+    /// Rows of those seen, `[n, width]` to `[n, seen, width]`.
     fn seen(&self, x: &Tensor) -> Result<Tensor> {
-        x.index_select(&self.index, 0)?.reshape((self.len(), self.seen, ()))
+        x.index_select(&self.index, 0)?.reshape((self.n, self.seen, ()))
     }
 }
 
 /// What is computed once per anchor, whoever looks at it.
-pub(super) struct Prepared {
+struct Prepared {
     /// What an anchor itself brings, `[n, 128]`.
     own: Tensor,
     /// What it shows to those that see it, `[n, ..]` each.
@@ -116,7 +106,7 @@ impl Gather {
     }
 
     /// From the normalised features h of all anchors, `[n, 128]`.
-    pub(super) fn prepare(&self, h: &Tensor) -> Result<Prepared> {
+    fn prepare(&self, h: &Tensor) -> Result<Prepared> {
         Ok(match self {
             Self::Attention { q, k, v, .. } => {
                 Prepared { own: q.forward(h)?, shown: vec![k.forward(h)?, v.forward(h)?] }
@@ -133,15 +123,11 @@ impl Gather {
         })
     }
 
-    /// What the anchors of a chunk learn, `[anchors, 128]`, and for the attention with which weights,
-    /// `[anchors, seen, heads]`.
-    pub(super) fn forward(
-        &self,
-        prepared: &Prepared,
-        hood: &Neighbourhood,
-    ) -> Result<(Tensor, Option<Tensor>)> {
-        let own = hood.own(&prepared.own)?;
-        let shown = prepared.shown.iter().map(|x| hood.seen(x)).collect::<Result<Vec<_>>>()?;
+    /// What the anchors learn from their normalised features h, `[n, 128]`, and for the attention with which weights,
+    /// `[n, seen, heads]`.
+    pub(super) fn forward(&self, h: &Tensor, hood: &Neighbourhood) -> Result<(Tensor, Option<Tensor>)> {
+        let Prepared { own, shown } = self.prepare(h)?;
+        let shown = shown.iter().map(|x| hood.seen(x)).collect::<Result<Vec<_>>>()?;
         let pairs = |position: &Linear| &shown[0] + position.forward(&hood.relative)?;
         let learnt = match self {
             Self::Attention { delta, proj, .. } => {
@@ -168,7 +154,7 @@ impl Gather {
     }
 }
 
-/// Attention with one weight per pair and attention head: q `[anchors, 128]`, k, v and delta `[anchors, seen, 128]`.
+/// Attention with one weight per pair and attention head: q `[n, 128]`, k, v and delta `[n, seen, 128]`.
 fn attend(q: &Tensor, k: &Tensor, v: &Tensor, delta: &Tensor) -> Result<(Tensor, Tensor)> {
     let (anchors, seen, _) = k.dims3()?;
     let by_head = (anchors, seen, HEADS, HEAD_WIDTH);

@@ -113,11 +113,6 @@ impl Network {
     /// # Errors
     /// As [`Network::forward`].
     pub fn trace(&self, inputs: &TensorInputs) -> Result<Trace> {
-        self.trace_in_chunks(inputs, usize::MAX)
-    }
-
-    /// The same, holding the features of no more than `anchors * (k + 1)` pairs at a time, if nothing is differentiated.
-    pub(crate) fn trace_in_chunks(&self, inputs: &TensorInputs, anchors: usize) -> Result<Trace> {
         let (n, k) = inputs.check(&self.config)?;
         if n == 0 {
             return self.trace_of_nothing(k);
@@ -125,22 +120,14 @@ impl Network {
         let embedded = [self.phi_g.forward(&inputs.geometry)?, self.phi_v.forward(&inputs.image)?];
         let embedding = Tensor::cat(&embedded, 1)?;
         let (mut blocks, mut alphas) = (Vec::new(), Vec::new());
+        let hood = neighbourhood(inputs, n, k)?;
         let mut x = embedding.clone();
         for Block { norm1, gather, norm2, ffn } in &self.blocks {
-            let prepared = gather.prepare(&norm1.forward(&x)?)?;
-            let (mut updated, mut weights) = (Vec::new(), Vec::new());
-            for start in (0..n).step_by(anchors) {
-                let hood = neighbourhood(inputs, start, anchors.min(n - start), k)?;
-                let (learnt, alpha) = gather.forward(&prepared, &hood)?;
-                let y = (hood.own(&x)? + learnt)?;
-                updated.push((&y + ffn.forward(&norm2.forward(&y)?)?)?);
-                weights.extend(alpha);
-            }
-            x = Tensor::cat(&updated, 0)?;
+            let (learnt, alpha) = gather.forward(&norm1.forward(&x)?, &hood)?;
+            let y = (x + learnt)?;
+            x = (&y + ffn.forward(&norm2.forward(&y)?)?)?;
             blocks.push(x.clone());
-            if !weights.is_empty() {
-                alphas.push(Tensor::cat(&weights, 0)?);
-            }
+            alphas.extend(alpha);
         }
         let out = self.out.forward(&self.norm.forward(&x)?)?;
         Ok(Trace { embedding, blocks, alphas, out })
@@ -159,17 +146,15 @@ impl Network {
     }
 }
 
-/// The anchors `start..start + len` with themselves and their neighbours.
-fn neighbourhood(inputs: &TensorInputs, start: usize, len: usize, k: usize) -> Result<Neighbourhood> {
+/// The anchors with themselves and their neighbours.
+fn neighbourhood(inputs: &TensorInputs, n: usize, k: usize) -> Result<Neighbourhood> {
     let device = inputs.neighbours.device();
-    let itself = Tensor::arange(start as u32, (start + len) as u32, device)?.unsqueeze(1)?;
-    let zero = Tensor::zeros((len, 1, 3), inputs.geometry.dtype(), device)?;
+    let itself = Tensor::arange(0, n as u32, device)?.unsqueeze(1)?;
+    let zero = Tensor::zeros((n, 1, 3), inputs.geometry.dtype(), device)?;
     let (index, relative) = if k == 0 {
         (itself, zero)
     } else {
-        let neighbours = inputs.neighbours.narrow(0, start, len)?;
-        let relative = inputs.relative.narrow(0, start, len)?;
-        (Tensor::cat(&[itself, neighbours], 1)?, Tensor::cat(&[zero, relative], 1)?)
+        (Tensor::cat(&[&itself, &inputs.neighbours], 1)?, Tensor::cat(&[&zero, &inputs.relative], 1)?)
     };
-    Ok(Neighbourhood { anchors: start..start + len, seen: k + 1, index: index.flatten_all()?, relative })
+    Ok(Neighbourhood { n, seen: k + 1, index: index.flatten_all()?, relative })
 }

@@ -14,7 +14,7 @@ fn refusal(case: &Case, change: impl FnOnce(&mut Case)) -> String {
 
 #[test]
 fn what_does_not_fit_is_named() {
-    for &kind in Kind::BUILT {
+    for kind in Kind::ALL {
         let case = Case::new(kind, 4, 2, 1);
         let said = |change: fn(&mut Case)| refusal(&case, change);
         assert_eq!(said(|c| c.geometry.truncate(11)), "geometry: 11 numbers, expected 12");
@@ -31,24 +31,8 @@ fn what_does_not_fit_is_named() {
 }
 
 #[test]
-fn a_kind_that_is_not_built_is_refused_with_the_name_of_the_feature() {
-    for kind in Kind::ALL {
-        match Head::new(Case::new(kind, 4, 2, 1).weights()) {
-            Ok(head) => assert!(Kind::BUILT.contains(&head.config().kind)),
-            Err(error) => {
-                assert!(!Kind::BUILT.contains(&kind), "{error}");
-                let expected = format!(
-                    "heads of kind {kind:?} run on candle: build attn-head with the feature `candle`"
-                );
-                assert_eq!(error.to_string(), expected);
-            }
-        }
-    }
-}
-
-#[test]
 fn an_mlp_takes_the_neighbours_that_it_is_made_for() {
-    for &kind in Kind::BUILT {
+    for kind in Kind::ALL {
         let head = Head::new(Case::new(kind, 4, 2, 1).weights()).unwrap();
         let other = Case::new(kind, 4, 3, 1);
         match head.run(&other.inputs()) {
@@ -61,7 +45,7 @@ fn an_mlp_takes_the_neighbours_that_it_is_made_for() {
 /// Extreme inputs give finite outputs or an error that names the anchor.
 #[test]
 fn extreme_inputs_do_not_give_nans() {
-    for &kind in Kind::BUILT {
+    for kind in Kind::ALL {
         for value in [f32::MAX, -f32::MAX, 1e30, 1e19, f32::MIN_POSITIVE, 1e-45] {
             let case = Case::new(kind, 4, 2, 1);
             let head = Head::new(case.weights()).unwrap();

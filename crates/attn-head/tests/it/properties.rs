@@ -3,7 +3,7 @@ use attn_head::{Head, Kind, Weights};
 use proptest::prelude::*;
 
 fn kinds() -> impl Strategy<Value = Kind> {
-    proptest::sample::select(Kind::BUILT)
+    proptest::sample::select(&Kind::ALL)
 }
 
 proptest! {
@@ -39,7 +39,7 @@ proptest! {
 
 #[test]
 fn an_untrained_head_changes_nothing() {
-    for &kind in Kind::BUILT {
+    for kind in Kind::ALL {
         let case = Case::new(kind, 7, 3, 5);
         let out = Head::new(Weights::initial(case.config, 1).unwrap()).unwrap().run(&case.inputs()).unwrap();
         assert_eq!(out.len(), 7 * 38);
@@ -49,7 +49,7 @@ fn an_untrained_head_changes_nothing() {
 
 #[test]
 fn no_anchors_have_no_outputs() {
-    for &kind in Kind::BUILT {
+    for kind in Kind::ALL {
         let mut case = Case::new(kind, 1, 3, 5);
         case.n = 0;
         case.geometry.clear();
@@ -64,7 +64,7 @@ fn no_anchors_have_no_outputs() {
 
 #[test]
 fn the_same_bytes_on_any_number_of_threads() {
-    for &kind in Kind::BUILT {
+    for kind in Kind::ALL {
         // More anchors than are computed at a time.
         let case = Case::new(kind, 2500, 2, 6);
         let head = Head::new(case.weights()).unwrap();
@@ -81,7 +81,7 @@ fn the_same_bytes_on_any_number_of_threads() {
 #[cfg(feature = "candle")]
 #[test]
 fn more_anchors_than_are_computed_at_a_time() {
-    for &kind in Kind::BUILT {
+    for kind in Kind::ALL {
         let case = Case::new(kind, 2100, 1, 8);
         let out = Head::new(case.weights()).unwrap().run(&case.inputs()).unwrap();
         let out: Vec<f64> = out.into_iter().map(f64::from).collect();

@@ -61,12 +61,17 @@ proptest! {
     ) {
         let (a, b) = (numbers(count * (width_a + gap), seed), numbers(count * width_b, seed ^ 99));
         for isa in sets() {
-            let before = numbers(width_a * width_b, seed ^ 3);
+            let stride = width_b + gap;
+            let before = numbers(width_a * stride, seed ^ 3);
             let mut c = before.clone();
             let rows = Rows::strided(&a, count, width_a, width_a + gap);
-            multiply_transposed(isa, rows, Rows::new(&b, count, width_b), &mut c);
+            multiply_transposed(isa, rows, Rows::new(&b, count, width_b), &mut c, stride);
             for (place, &found) in c.iter().enumerate() {
-                let (i, j) = (place / width_b, place % width_b);
+                let (i, j) = (place / stride.max(1), place % stride.max(1));
+                if j >= width_b {
+                    prop_assert_eq!(found, before[place], "between the rows");
+                    continue;
+                }
                 let (sum, size) = exact((0..count).map(|k| (a[k * (width_a + gap) + i], b[k * width_b + j])));
                 let expected = f64::from(before[place]) + sum;
                 prop_assert!((f64::from(found) - expected).abs() <= 1e-5 * (size + 1.0), "{} ({}, {})", isa, i, j);
@@ -135,6 +140,7 @@ fn shapes_that_do_not_fit_are_refused() {
     assert!(refused(&|| multiply(Rows::new(&values, 4, 3), &packed, &mut [0.0; 15], 4, true)));
     assert!(refused(&|| multiply(Rows::new(&values, 4, 3), &packed, &mut [0.0; 16], 3, true)));
     let a = Rows::new(&values, 3, 4);
-    assert!(refused(&|| multiply_transposed(isa, a, Rows::new(&values, 4, 3), &mut [0.0; 12])));
-    assert!(refused(&|| multiply_transposed(isa, a, a, &mut [0.0; 15])));
+    assert!(refused(&|| multiply_transposed(isa, a, Rows::new(&values, 4, 3), &mut [0.0; 12], 3)));
+    assert!(refused(&|| multiply_transposed(isa, a, a, &mut [0.0; 15], 4)));
+    assert!(refused(&|| multiply_transposed(isa, a, a, &mut [0.0; 16], 3)));
 }

@@ -232,7 +232,7 @@ fn weight_gradients(isa: Isa, side: usize, input: &Grid, gradient: &Grid, into: 
         }
         let row = Rows::new(row, input.width, channels);
         for (down, weights) in weights.chunks_exact_mut(block).enumerate() {
-            multiply_transposed(isa, input.windows(y, side, down), row, weights);
+            multiply_transposed(isa, input.windows(y, side, down), row, weights, channels);
         }
     }
 }

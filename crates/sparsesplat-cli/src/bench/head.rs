@@ -1,4 +1,4 @@
-//! `bench head`: the attention head.
+//! `bench head`: the heads.
 
 use super::cpu::{self, Job, OURS, Row};
 use super::measure::pools;
@@ -8,22 +8,26 @@ use crate::failure::{OrFail, Outcome};
 use crate::progress::Progress;
 use crate::summary::{print, print_line};
 use attn_head::plain::{Network, TensorInputs};
-use attn_head::{Config, Inputs, Kind, LAYERS, OUTPUTS, WIDTH, Weights, fused};
-use candle_core::{DType, Device, Tensor};
-use clap::Args;
+use attn_head::{Config, Inputs, Kind, LAYERS, MESSAGE, OUTPUTS, WIDTH, Weights, fused};
+use candle_core::{DType, Device, Tensor, Var};
+use clap::{Args, ValueEnum};
 use report_parts::{Table, count};
 use serde::Serialize;
 use sparsesplat::learned::{geometry_features, image_features};
 
-/// The attention head: time, FLOP/s and memory against the number of anchors, beside the plain form on candle
+/// The heads: time, FLOP/s and memory against the number of anchors, beside the plain form on candle
 ///
 /// Forward is what a reconstruction needs, training the pass that is recorded and its gradient by all weights. The plain form
-/// (ours-naive) is ordinary operations of candle: queries, keys and values once per anchor, the perceptron of positions for every pair.
+/// (ours-naive) is ordinary operations of candle, with a row for every pair of anchor and neighbour.
 /// A matrix product of candle's, in f32 on all threads, says what the machine can do.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  cargo xtask bench head --json head.json\n  \
-                        sparsesplat bench head --counts 40k --runs 5")]
+                        sparsesplat bench head --counts 40k --runs 5\n  \
+                        sparsesplat bench head --heads attention,edge-conv,max-pool,mlp --counts 1k")]
 pub(crate) struct Arguments {
+    /// Kinds of head
+    #[arg(long, value_enum, value_name = "KIND,...", value_delimiter = ',', default_value = "attention")]
+    heads: Vec<Kinds>,
     /// How many anchors
     #[arg(
         long,
@@ -46,12 +50,45 @@ pub(crate) struct Arguments {
         default_value_if("long", "true", "150k")
     )]
     plain_up_to: usize,
+    /// Leave the training of the plain form out above so many anchors: it takes some 400 kB for each
+    #[arg(long, value_name = "N", value_parser = count_above_0, default_value = "1k")]
+    plain_training_up_to: usize,
     /// The rows that take minutes as well: 100k and 150k anchors, and the plain form of them all
     #[arg(long)]
     long: bool,
     /// Timed runs of each row
     #[arg(long, value_name = "N", value_parser = crate::arguments::positive, default_value_t = 3)]
     runs: usize,
+}
+
+/// [`Kind`] as an argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum Kinds {
+    Attention,
+    EdgeConv,
+    MaxPool,
+    Mlp,
+}
+
+impl Kinds {
+    fn kind(self) -> Kind {
+        match self {
+            Self::Attention => Kind::Attention,
+            Self::EdgeConv => Kind::EdgeConv,
+            Self::MaxPool => Kind::MaxPool,
+            Self::Mlp => Kind::Mlp,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Attention => "attention",
+            Self::EdgeConv => "edge-conv",
+            Self::MaxPool => "max-pool",
+            Self::Mlp => "mlp",
+        }
+    }
 }
 
 /// Side of the matrices whose product says what the machine can do.
@@ -85,9 +122,11 @@ struct More {
 
 #[derive(Serialize)]
 struct Settings<'a> {
+    heads: &'a [Kinds],
     counts: &'a [usize],
     neighbours: usize,
     plain_up_to: usize,
+    plain_training_up_to: usize,
     runs: usize,
 }
 
@@ -132,70 +171,113 @@ impl Scene {
     }
 }
 
-/// FLOP of a forward pass, in the fused form: products and sums, elementary functions left out.
-fn flop(config: &Config, n: usize, k: usize) -> f64 {
-    let (half, pairs) = (WIDTH / 2, k + 1);
+/// FLOP of a pass in the fused form: products and sums, elementary functions left out. Training counts three times a forward pass,
+/// but for the product of all pairs whose maximum is taken: its gradient is that of one row for each channel.
+fn flop(config: &Config, n: usize, k: usize, training: bool) -> f64 {
+    let (half, pairs, square) = (WIDTH / 2, k + 1, WIDTH * WIDTH);
     let embedding = (config.geometry + half + config.image + half) * half;
-    let dense = 4 * WIDTH * WIDTH + 2 * WIDTH * 4 * WIDTH;
-    // W₂ by head, there and back; per pair its first layer, five products and five sums of rows.
-    let attention = 2 * WIDTH * WIDTH + pairs * (3 + 5 + 5) * WIDTH;
-    let output = WIDTH * WIDTH + WIDTH * OUTPUTS;
-    2.0 * (n * (embedding + LAYERS * (dense + attention) + output)) as f64
+    let (message, of_maxima) = match config.kind {
+        // Query, key, value and projection; W₂ by head, there and back; per pair its first layer, five products and five sums of rows.
+        Kind::Attention => (6 * square + pairs * (3 + 5 + 5) * WIDTH, 0),
+        Kind::EdgeConv => (2 * square + pairs * 5 * WIDTH, pairs * square),
+        Kind::MaxPool => (3 * square + pairs * 4 * WIDTH, pairs * square),
+        Kind::Mlp => ((WIDTH + k * 4) * MESSAGE + (WIDTH + k * MESSAGE) * WIDTH + square, 0),
+    };
+    let output = square + WIDTH * OUTPUTS;
+    let forward = embedding + output + LAYERS * (message + 8 * square);
+    // Two products of rows for each channel, if there are maxima.
+    let of_gradient = if training && of_maxima > 0 { 2 * square } else { 0 };
+    let passes = if training { 3 } else { 1 };
+    2.0 * (n * (passes * forward + LAYERS * (of_maxima + of_gradient))) as f64
+}
+
+/// The passes of one kind of head.
+struct Bench {
+    config: Config,
+    weights: Weights,
+    network: Network,
+}
+
+impl Bench {
+    fn new(head: Kinds, neighbours: usize) -> Outcome<Self> {
+        let config = Config {
+            kind: head.kind(),
+            geometry: geometry_features(true),
+            image: image_features(CHANNELS),
+            neighbours,
+        };
+        let weights = Weights::recipe(config, "bench").or_work()?;
+        let values = weights.to_tensor(DType::F32, &Device::Cpu).or_work()?;
+        Ok(Self { network: Network::new(config, &values).or_work()?, config, weights })
+    }
+
+    fn forward(&self, scene: &Scene) -> Outcome {
+        drop(fused::forward(&self.config, &self.weights.values, &scene.inputs()));
+        Ok(())
+    }
+
+    fn training(&self, scene: &Scene) -> Outcome {
+        let (config, weights, inputs) = (&self.config, &self.weights.values, &scene.inputs());
+        let (_, tape) = fused::forward_recorded(config, weights, inputs);
+        drop(fused::backward(config, weights, inputs, &tape, &scene.by_outputs));
+        Ok(())
+    }
+
+    fn plain(&self, scene: &Scene) -> Outcome {
+        self.network.forward(&self.tensors(scene)?).map(drop).or_work()
+    }
+
+    fn plain_training(&self, scene: &Scene) -> Outcome {
+        let values = self.weights.to_tensor(DType::F32, &Device::Cpu).or_work()?;
+        let values = Var::from_tensor(&values).or_work()?;
+        let out = Network::new(self.config, &values).or_work()?.forward(&self.tensors(scene)?).or_work()?;
+        let by_outputs = Tensor::from_slice(&scene.by_outputs, out.shape(), &Device::Cpu).or_work()?;
+        let loss = (out * by_outputs).and_then(|products| products.sum_all()).or_work()?;
+        loss.backward().map(drop).or_work()
+    }
+
+    fn tensors(&self, scene: &Scene) -> Outcome<TensorInputs> {
+        TensorInputs::new(&self.config, &scene.inputs(), DType::F32, &Device::Cpu).or_work()
+    }
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
-    let &Arguments { ref counts, neighbours, plain_up_to, runs, .. } = arguments;
+    let &Arguments { ref heads, ref counts, neighbours, plain_up_to, plain_training_up_to, runs, .. } =
+        arguments;
     let pools = pools()?;
     let pool = pools.last().expect("there is at least one thread");
-    let config = Config {
-        kind: Kind::Attention,
-        geometry: geometry_features(true),
-        image: image_features(CHANNELS),
-        neighbours,
-    };
-    let weights = Weights::recipe(config, "bench").or_work()?;
-    let device = Device::Cpu;
-    let network = Network::new(config, &weights.to_tensor(DType::F32, &device).or_work()?).or_work()?;
-    let progress = Progress::new(4 * runs * counts.len());
+    let progress = Progress::new(5 * runs * heads.len() * counts.len());
 
     let side = |seed: u64| {
         let mut random = Random(seed);
         let values: Vec<f32> = (0..SIDE * SIDE).map(|_| random.unit()).collect();
-        Tensor::from_vec(values, (SIDE, SIDE), &device).or_work()
+        Tensor::from_vec(values, (SIDE, SIDE), &Device::Cpu).or_work()
     };
     let (a, b) = (side(2)?, side(3)?);
+    // The speed of a machine changes within minutes: the product that a share is of runs in turns with what is measured.
+    let product = || (0..PRODUCTS).try_for_each(|_| a.matmul(&b).map(drop)).or_work();
     let (mut rows, mut rates, mut gemm) = (Vec::new(), Vec::new(), 0.0_f64);
-    for &n in counts {
+    for (head, &n) in heads.iter().flat_map(|head| counts.iter().map(move |n| (head, n))) {
         progress.say(format!("making {} anchors", count(n as f64)));
-        let scene = Scene::new(&config, n);
-        let inputs = scene.inputs();
-        let forward = || {
-            drop(fused::forward(&config, &weights.values, &inputs));
-            Ok(())
-        };
-        let training = || {
-            let (_, tape) = fused::forward_recorded(&config, &weights.values, &inputs);
-            drop(fused::backward(&config, &weights.values, &inputs, &tape, &scene.by_outputs));
-            Ok(())
-        };
-        let plain = || {
-            let tensors = TensorInputs::new(&config, &inputs, DType::F32, &Device::Cpu).or_work()?;
-            network.forward(&tensors).map(drop).or_work()
-        };
+        // The MLP takes no other number of neighbours than it is made for.
+        let bench = &Bench::new(*head, neighbours.min(n - 1))?;
+        let scene = &Scene::new(&bench.config, n);
+        let (forward, training) = (format!("forward, {}", head.name()), format!("training, {}", head.name()));
         let size = (n, Some(scene.k));
-        // The speed of a machine changes within minutes: the product that a share is of runs in turns with what is measured.
-        let product = || (0..PRODUCTS).try_for_each(|_| a.matmul(&b).map(drop)).or_work();
         let mut jobs = vec![
             Job::new("candle", PRODUCT, (SIDE, None), pool, product),
-            Job::new(OURS, "forward", size, pool, forward),
-            Job::new(OURS, "training", size, pool, training),
+            Job::new(OURS, &*forward, size, pool, || bench.forward(scene)),
+            Job::new(OURS, &*training, size, pool, || bench.training(scene)),
         ];
         if n <= plain_up_to {
-            jobs.push(Job::new("ours-naive", "forward", size, pool, plain));
+            jobs.push(Job::new("ours-naive", forward, size, pool, || bench.plain(scene)));
+        }
+        if n <= plain_training_up_to {
+            jobs.push(Job::new("ours-naive", training, size, pool, || bench.plain_training(scene)));
         }
         let found = cpu::rows("head", &jobs, runs, &progress)?;
         let beside = PRODUCTS as f64 * 2.0 * (SIDE as f64).powi(3) / found[0].seconds;
-        rates.extend(found.iter().skip(1).map(|row| rate(row, &config, beside)));
+        rates.extend(found.iter().skip(1).map(|row| rate(row, &bench.config, beside)));
         gemm = gemm.max(beside);
         rows.extend(found);
     }
@@ -203,16 +285,16 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
 
     print(&cpu::table(&rows, "anchors").to_text());
     print_line(
-        "\nGFLOP/s, and the share of those of a matrix product in the same minute; of training three times a forward pass is counted:\n",
+        "\nGFLOP/s, and the share of those of a matrix product in the same minute. Training counts three times a forward pass, \
+         but once the products of pairs whose maximum is taken:\n",
     );
     print(&rates_table(&rates).to_text());
-    let settings = Settings { counts, neighbours, plain_up_to, runs };
+    let settings = Settings { heads, counts, neighbours, plain_up_to, plain_training_up_to, runs };
     cpu::write(common, settings, &rows, More { gemm_flop_per_second: gemm, rates })
 }
 
 fn rate(row: &Row, config: &Config, product: f64) -> Rate {
-    let passes = if row.case == "training" { 3.0 } else { 1.0 };
-    let flop = passes * flop(config, row.n, row.k.unwrap_or(0));
+    let flop = flop(config, row.n, row.k.unwrap_or(0), row.case.starts_with("training"));
     let flop_per_second = flop / row.seconds;
     Rate {
         implementation: row.implementation,

@@ -228,7 +228,7 @@ fn kernels(seconds: &mut Seconds) -> Outcome {
     let mut sums = vec![0.0; 128 * 512];
     time(seconds, "product of columns 128x48x512", || {
         let (a, b) = (Rows::new(&a[..48 * 128], 48, 128), Rows::new(&b[..48 * 512], 48, 512));
-        multiply_transposed(isa, a, b, &mut sums);
+        multiply_transposed(isa, a, b, &mut sums, 512);
         Ok(())
     })?;
     let mut values = numbers(1 << 14);
@@ -249,31 +249,32 @@ fn kernels(seconds: &mut Seconds) -> Outcome {
     })
 }
 
-/// The attention head, and DepthSplat's network.
+/// The heads (max pooling has the kernels of edge convolution, the MLP has none of its own), and DepthSplat's network.
 fn networks(seconds: &mut Seconds) -> Outcome {
-    let config = Config {
-        kind: Kind::Attention,
-        geometry: geometry_features(true),
-        image: image_features(32),
-        neighbours: 20,
-    };
-    let weights = Weights::recipe(config, "bench").or_work()?;
-    let scene = Scene::new(&config, 960);
-    let inputs = scene.inputs();
-    time(seconds, "head, forward", || {
-        drop(fused::forward(&config, &weights.values, &inputs));
-        Ok(())
-    })?;
-    let (_, tape) = fused::forward_recorded(&config, &weights.values, &inputs);
-    time(seconds, "head, gradient", || {
-        drop(fused::backward(&config, &weights.values, &inputs, &tape, &scene.by_outputs));
-        Ok(())
-    })?;
+    head(seconds, Kind::Attention, ["head, forward", "head, gradient"])?;
+    head(seconds, Kind::EdgeConv, ["edge convolution, forward", "edge convolution, gradient"])?;
     let variant = Variant { scales: Scales::ALL[0], vit: Vit::ALL[0] };
     let network = DepthSplat::untrained(variant, "").or_work()?;
     let views = views((112, 64), 2)?;
     time(seconds, "DepthSplat's network", || {
         network.trace(&views, &[(0.5, 200.0); 2], false).map(drop).or_work()
+    })
+}
+
+fn head(seconds: &mut Seconds, kind: Kind, [forward, gradient]: [&'static str; 2]) -> Outcome {
+    let config =
+        Config { kind, geometry: geometry_features(true), image: image_features(32), neighbours: 20 };
+    let weights = Weights::recipe(config, "bench").or_work()?;
+    let scene = Scene::new(&config, 960);
+    let inputs = scene.inputs();
+    time(seconds, forward, || {
+        drop(fused::forward(&config, &weights.values, &inputs));
+        Ok(())
+    })?;
+    let (_, tape) = fused::forward_recorded(&config, &weights.values, &inputs);
+    time(seconds, gradient, || {
+        drop(fused::backward(&config, &weights.values, &inputs, &tape, &scene.by_outputs));
+        Ok(())
     })
 }
 

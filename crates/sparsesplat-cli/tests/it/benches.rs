@@ -159,20 +159,21 @@ fn the_renderer_has_a_row_for_every_case() {
 
 #[test]
 fn the_head_has_rows_for_both_forms_and_for_training() {
-    let (table, found) = bench("head", &["--counts", "40,90", "--neighbours", "5", "--plain-up-to", "50"]);
+    let limits = ["--plain-up-to", "50", "--plain-training-up-to", "30"];
+    let shape = ["--heads", "max-pool,attention", "--counts", "30,40,90", "--neighbours", "5"];
+    let (table, found) = bench("head", &[shape.as_slice(), &limits].concat());
     let labels = labels(&found["rows"], "head", false);
-    let expected = [
-        ("candle", "16 matrix products"),
-        ("ours", "forward"),
-        ("ours", "training"),
-        ("ours-naive", "forward"),
-        ("candle", "16 matrix products"),
-        ("ours", "forward"),
-        ("ours", "training"),
-    ];
+    let mut expected = Vec::new();
+    for [forward, training] in
+        [["forward, max-pool", "training, max-pool"], ["forward, attention", "training, attention"]]
+    {
+        let ours = [("candle", "16 matrix products"), ("ours", forward), ("ours", training)];
+        let plain = [("ours-naive", forward), ("ours-naive", training)];
+        expected.extend(ours.into_iter().chain(plain).chain(ours).chain([plain[0]]).chain(ours));
+    }
     assert_eq!(labels.iter().map(|(a, b)| (&**a, &**b)).collect::<Vec<_>>(), expected);
     let rates = found["rates"].as_array().unwrap();
-    assert_eq!(rates.len(), 5);
+    assert_eq!(rates.len(), 18);
     for rate in rates {
         let number = |key: &str| rate[key].as_f64().unwrap();
         assert!(number("flop") > 1e6 && number("flop_per_second") > 0.0 && number("share") > 0.0, "{rate}");

@@ -90,7 +90,7 @@ def reconstruct(
     depth_planes: Optional[int] = None,
     depth_range: Union[None, Literal["hint"], Tuple[float, float]] = None,
     allocation: Literal["entropy", "laplacian", "random", "even", "pixel-aligned", "merged", "voxel-aligned"] = "entropy",
-    sampler: Literal["fixed", "bernoulli"] = "fixed",
+    sampler: Literal["fixed", "bernoulli", "systematic"] = "fixed",
     head: Literal["default", "closed-form"] = "default",
     weights: Union[None, str, PathLike[str]] = None,
     looks: Optional[int] = None,

@@ -58,8 +58,8 @@ pub(crate) fn uniform(seed: u64, stream: u64) -> impl FnMut() -> f64 {
 }
 
 /// Weights, features and neighbours at random. Weights have the usual size, 1 / sqrt(inputs).
-pub(crate) fn random(n: usize, k: usize, image: usize, seed: u64) -> Case {
-    let config = Config { kind: Kind::Attention, geometry: 9, image, neighbours: k };
+pub(crate) fn random(kind: Kind, n: usize, k: usize, image: usize, seed: u64) -> Case {
+    let config = Config { kind, geometry: 9, image, neighbours: k };
     let single = |v: f64| f64::from(v as f32);
     let mut weights = Vec::new();
     for (i, p) in Layout::new(&config).parameters.iter().enumerate() {
@@ -80,4 +80,21 @@ pub(crate) fn random(n: usize, k: usize, image: usize, seed: u64) -> Case {
         neighbours: (0..n * k).map(|_| ((j() + 1.0) / 2.0 * n as f64) as u32).collect(),
         relative: (0..n * k).map(|_| [r(), r(), r()]).collect(),
     }
+}
+
+/// With neighbours that are given several times, and with the anchor itself among them; for k = 6.
+pub(crate) fn repeated(mut case: Case) -> Case {
+    let most = case.n as u32 - 1;
+    for (i, list) in case.neighbours.chunks_exact_mut(6).enumerate() {
+        let (first, own) = (list[0], i as u32);
+        list.copy_from_slice(&[first, first, own, own, first, most - own]);
+    }
+    case
+}
+
+/// With neighbours that are all the same at the same place: every maximum is shared by them.
+pub(crate) fn alike(mut case: Case) -> Case {
+    case.relative.fill([0.0; 3]);
+    case.neighbours.fill(case.n as u32 / 4);
+    case
 }

@@ -2,7 +2,7 @@
 
 use super::cases::{Single, random, uniform};
 use crate::oracle::Case;
-use attn_head::{Layout, OUTPUTS, fused};
+use attn_head::{Kind, Layout, OUTPUTS, fused};
 
 fn loss_weights(case: &Case) -> Vec<f64> {
     let mut u = uniform(77, 7);
@@ -34,16 +34,26 @@ fn difference(case: &Case, change: impl Fn(&mut Case, f64)) -> f64 {
 /// Of each tensor of weights the number with the largest gradient and another, and all of the inputs.
 #[test]
 fn gradients_are_central_differences() {
-    let case = random(3, 2, 4, 11);
-    let found = gradients(&case);
+    for kind in Kind::ALL {
+        assert_central_differences(&random(kind, 3, 2, 4, 11));
+    }
+}
+
+fn assert_central_differences(case: &Case) {
+    let (kind, found) = (case.config.kind, gradients(case));
     for p in Layout::new(&case.config).parameters {
         let grad = &found.weights[p.offset..p.offset + p.len()];
         let size = grad.iter().fold(0.0_f32, |m, g| m.max(g.abs()));
         let largest = grad.iter().position(|g| g.abs() == size).expect("a largest");
         for i in [largest, p.len() / 2 + 1] {
-            let expected = difference(&case, |case, step| case.weights[p.offset + i] += step);
+            let expected = difference(case, |case, step| case.weights[p.offset + i] += step);
             let error = (f64::from(grad[i]) - expected).abs();
-            assert!(error <= 2e-5 * f64::from(size) + 2e-7, "{}[{i}]: {} and {expected}", p.name, grad[i]);
+            assert!(
+                error <= 2e-5 * f64::from(size) + 2e-7,
+                "{kind:?} {}[{i}]: {} and {expected}",
+                p.name,
+                grad[i]
+            );
         }
     }
     for (name, grad, of) in [
@@ -51,9 +61,9 @@ fn gradients_are_central_differences() {
         ("image", &found.image, |c| &mut c.image),
     ] {
         for (i, &grad) in grad.iter().enumerate() {
-            let expected = difference(&case, |case, step| of(case)[i] += step);
+            let expected = difference(case, |case, step| of(case)[i] += step);
             let error = (f64::from(grad) - expected).abs();
-            assert!(error <= 2e-5 * (1.0 + expected.abs()), "{name}[{i}]: {grad} and {expected}");
+            assert!(error <= 2e-5 * (1.0 + expected.abs()), "{kind:?} {name}[{i}]: {grad} and {expected}");
         }
     }
 }
@@ -61,8 +71,11 @@ fn gradients_are_central_differences() {
 /// All of them at once: along a random direction, where no mistake can hide in numbers that were not looked at.
 #[test]
 fn gradients_along_a_direction_are_central_differences() {
-    for (n, k, image, seed) in [(70, 4, 8, 21), (1, 0, 3, 22), (50, 0, 12, 23), (3, 9, 1, 24)] {
-        let case = random(n, k, image, seed);
+    for ((n, k, image, seed), kind) in [(70, 4, 8, 21), (1, 0, 3, 22), (50, 0, 12, 23), (3, 9, 1, 25)]
+        .into_iter()
+        .flat_map(|shape| Kind::ALL.map(|kind| (shape, kind)))
+    {
+        let case = random(kind, n, k, image, seed);
         let found = gradients(&case);
         let direction = |len: usize, stream: u64| {
             let mut u = uniform(seed, stream);
@@ -104,7 +117,7 @@ fn gradients_along_a_direction_are_central_differences() {
             let size = f64::sqrt(squares) + f64::abs(expected);
             assert!(
                 (found - expected).abs() <= 3e-5 * size,
-                "{name}, n = {n}, k = {k}: {found} and {expected}"
+                "{kind:?} {name}, n = {n}, k = {k}: {found} and {expected}"
             );
         }
     }
@@ -112,6 +125,9 @@ fn gradients_along_a_direction_are_central_differences() {
 
 #[test]
 fn no_anchors_have_no_gradients() {
-    let found = gradients(&random(0, 4, 8, 1));
-    assert!(found.weights.iter().all(|&g| g == 0.0) && found.geometry.is_empty() && found.image.is_empty());
+    for kind in Kind::ALL {
+        let found = gradients(&random(kind, 0, 4, 8, 1));
+        assert!(found.weights.iter().all(|&g| g == 0.0));
+        assert!(found.geometry.is_empty() && found.image.is_empty());
+    }
 }

@@ -5,3 +5,5 @@ mod forward;
 mod gradient;
 #[cfg(feature = "candle")]
 mod op;
+#[cfg(feature = "candle")]
+mod plain;

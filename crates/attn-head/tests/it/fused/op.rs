@@ -44,8 +44,11 @@ fn numbers(tensor: &Tensor) -> Vec<f32> {
 
 #[test]
 fn outputs_and_gradients_are_those_of_the_functions() -> candle_core::Result<()> {
-    let single = Single::new(&random(N, 4, 8, 5));
-    let plain = tensors(&single);
+    Kind::ALL.into_iter().try_for_each(|kind| compare(&Single::new(&random(kind, N, 4, 8, 5))))
+}
+
+fn compare(single: &Single) -> candle_core::Result<()> {
+    let plain = tensors(single);
     let (expected, tape) = fused::forward_recorded(&single.config, &single.weights, &single.inputs());
     assert_eq!(numbers(&plain.apply()?), expected);
     let vars = [
@@ -69,7 +72,7 @@ fn outputs_and_gradients_are_those_of_the_functions() -> candle_core::Result<()>
 
 #[test]
 fn tensors_that_do_not_fit_are_errors_that_name_them() -> candle_core::Result<()> {
-    let make = || tensors(&Single::new(&random(N, 4, 8, 5)));
+    let make = || tensors(&Single::new(&random(Kind::Attention, N, 4, 8, 5)));
     let fails = |tensors: Tensors, words: &[&str]| {
         let error = tensors.apply().expect_err("what does not fit").to_string();
         assert!(words.iter().all(|w| error.contains(w)), "{error}");
@@ -80,9 +83,10 @@ fn tensors_that_do_not_fit_are_errors_that_name_them() -> candle_core::Result<()
     fails(Tensors { image: t.image.to_dtype(DType::F64)?, ..make() }, &["image", "F64", "F32"]);
     let strided = Tensor::zeros((8, N), DType::F32, &Device::Cpu)?.t()?;
     fails(Tensors { image: strided, ..make() }, &["image", "contiguous"]);
+    // A head of another kind has another number of weights.
     fails(
         Tensors { config: Config { kind: Kind::EdgeConv, ..t.config }, ..make() },
-        &["EdgeConv", "Attention"],
+        &["weights", "expected"],
     );
     let mut n = t.neighbourhood;
     n.neighbours = vec![N as u32; 4 * N].into();

@@ -1,13 +1,12 @@
 //! Attention for each pair of an anchor and a neighbour. Nothing of the size of all pairs times the width
 //! is ever stored: rows of an anchor's pairs live in the first-level cache.
 
+use crate::fused::message::Row;
 use crate::{HEAD_WIDTH, HEADS, Inputs, WIDTH};
 use cpu_kernels::pulp::{Simd, WithSimd};
 use cpu_kernels::vector::{exp, map, relu, select};
 use cpu_kernels::{Isa, dispatch};
 
-/// A row of features.
-pub(super) type Row = [f32; WIDTH];
 /// A row for each attention head.
 pub(super) type ByHead = [Row; HEADS];
 /// Two rows of an anchor side by side: key and value, or what their gradients are made from.
