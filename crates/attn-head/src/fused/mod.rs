@@ -118,7 +118,7 @@ pub struct Gradients {
 /// several pairs share goes to the first of them.
 ///
 /// # Panics
-/// As [`forward`], or if `grad_out` or the tape is of another number of anchors.
+/// As [`forward`], or if `grad_out` or the tape is of another number of anchors, or the tape of another kind of head.
 #[must_use]
 pub fn backward(
     config: &Config,

@@ -50,7 +50,7 @@ pub(crate) struct Arguments {
         default_value_if("long", "true", "150k")
     )]
     plain_up_to: usize,
-    /// Leave the training of the plain form out above so many anchors: it takes some 400 kB for each
+    /// Leave the training of the plain form out above so many anchors: it takes some 700 kB for each
     #[arg(long, value_name = "N", value_parser = count_above_0, default_value = "1k")]
     plain_training_up_to: usize,
     /// The rows that take minutes as well: 100k and 150k anchors, and the plain form of them all

@@ -13,6 +13,8 @@ pub(super) struct Pairs<'a> {
     pub(super) inputs: &'a Inputs<'a>,
     /// `[n, 128]` other, or `[n, 256]` other and own.
     pub(super) shown: &'a [f32],
+    /// Numbers that each shows.
+    pub(super) width: usize,
     /// P by columns.
     pub(super) position: &'a [Row; 3],
 }
@@ -38,9 +40,9 @@ impl Pairs<'_> {
         }
     }
 
+    #[inline(always)]
     fn shown(&self, i: usize) -> &[Row] {
-        let width = self.shown.len() / self.inputs.n;
-        each(&self.shown[i * width..][..width])
+        each(&self.shown[i * self.width..][..self.width])
     }
 
     /// h_ij.

@@ -73,7 +73,8 @@ impl<'a> Maximum<'a> {
     }
 
     fn pairs<'p>(&'p self, all: All<'p>) -> Pairs<'p> {
-        Pairs { inputs: all.inputs, shown: all.shown, position: &self.columns }
+        let width = all.shown.len() / all.inputs.n;
+        Pairs { inputs: all.inputs, shown: all.shown, width, position: &self.columns }
     }
 
     /// The maxima of a block, left in `work`, and recorded if asked for.
