@@ -237,10 +237,8 @@ impl Plan {
     fn around_frames_of(dataset: Dataset, views: usize, pixels: usize) -> Result<(Vec<Self>, Vec<Dropped>)> {
         let (present, cameras, depth) = surveyed(&dataset, views)?;
         let (mut windows, dropped) = windows_around(&dataset.name, &cameras, views, depth)?;
-        let (width, height) = cameras.first().map_or((1, 1), |camera| (camera.width(), camera.height()));
-        let scale = (pixels as f64 / (width * height) as f64).sqrt().min(1.0);
-        let size = [width, height].map(|side| ((side as f64 * scale).round() as usize).max(1));
-        let reading = Reading { size: Some((size[0], size[1])), ..Reading::default() };
+        let reading =
+            Reading { size: cameras.first().map(|first| reduced(first, pixels)), ..Reading::default() };
         let dataset = Arc::new(dataset);
         for window in &mut windows {
             window.context.iter_mut().chain(&mut window.target).for_each(|at| *at = present[*at]);
@@ -364,6 +362,19 @@ impl Plan {
         Self { name: self.name.clone(), source, memory: None }
     }
 
+    /// The same window with pictures that keep their shape and are scaled down to about so many pixels, if they have more. Simulated ones are as
+    /// large as they are.
+    ///
+    /// # Errors
+    /// If the first photograph's camera cannot be read.
+    pub fn of_about(&self, pixels: usize) -> Result<Self> {
+        let Source::Photographs(Photographs { dataset, choice, .. }) = &self.source else {
+            return Ok(self.clone());
+        };
+        let first = choice.context.first().map(|&at| dataset.camera(at)).transpose()?;
+        Ok(first.map_or_else(|| self.clone(), |first| self.at_size(reduced(&first, pixels))))
+    }
+
     /// Everything that decides what the views of a simulated scene look like, as text; for caches.
     #[must_use]
     pub fn description(&self) -> Option<String> {
@@ -432,6 +443,14 @@ fn along(
         window.context.iter_mut().chain(&mut window.target).for_each(|at| *at = present[*at]);
     }
     Ok((windows, dropped))
+}
+
+/// The size of a camera's pictures, scaled down to about so many pixels.
+fn reduced(camera: &Camera, pixels: usize) -> (usize, usize) {
+    let [width, height] = [camera.width(), camera.height()];
+    let scale = (pixels as f64 / (width * height) as f64).sqrt().min(1.0);
+    let side = |side: usize| ((side as f64 * scale).round() as usize).max(1);
+    (side(width), side(height))
 }
 
 /// Positions and cameras of the frames that are there, and the depth of the scene.

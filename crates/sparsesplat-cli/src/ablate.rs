@@ -71,7 +71,7 @@ pub(crate) struct Arguments {
     /// Number of generated scenes to measure on, seeds 0, 1, ...
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 8)]
     evaluation_scenes: usize,
-    /// Size of the pictures of these scenes
+    /// Size of the pictures of these scenes; photographs keep their shape and are scaled down to about as many pixels
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "480x320", hide_short_help = true)]
     evaluation_size: (usize, usize),
     /// Also measure on photographs: folder of one scene, or of several scenes
@@ -259,7 +259,10 @@ fn sets(arguments: &Arguments, dropped: &mut Vec<Dropped>) -> Outcome<Vec<Set>> 
             warn(&format!("dropped {}: {}", unread.name, unread.reason));
         }
         dropped.extend(unread);
-        sets.push(Set { name: "photographs", of: root.display().to_string(), plans });
+        let plans =
+            plans.iter().map(|plan| plan.of_about(size.0 * size.1)).collect::<scene_windows::Result<_>>();
+        let of = format!("{} of about {}x{}", root.display(), size.0, size.1);
+        sets.push(Set { name: "photographs", of, plans: plans.map_err(Failure::sorted)? });
     }
     for set in &mut sets {
         set.plans = set.plans.drain(..).map(Plan::kept_in_memory).collect();
