@@ -23,7 +23,7 @@ pub enum Sampler {
     /// Independent draws, the paper's: the count varies around the budget.
     Bernoulli,
     /// In an exact number, one after the other along a Hilbert curve. Where pixels are alike, every aligned cell of 2x2 pixels, of 4x4 and
-    /// so on holds as many as every other, or one more.
+    /// so on holds as many as every other, or one more. Views that are alike may get the same pixels.
     Systematic,
 }
 

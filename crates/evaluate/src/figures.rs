@@ -207,7 +207,7 @@ pub struct CurvePoint {
 }
 
 /// Spread over seeds: standard deviation of the sample.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     /// Of the PSNR, dB.
     pub psnr_held_out: f64,

@@ -13,7 +13,7 @@ use crate::{device, output};
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
 use compare::{ByWindow, Difference, Verdict, difference};
-use evaluate::Recipe;
+use evaluate::{Recipe, Spread};
 use measure::{Measure, Scores, Set};
 use report_parts::{Table, lpips_column, number};
 use rows::{Row, What, folder_of};
@@ -118,8 +118,7 @@ struct Measured {
     psnr_held_out: f64,
     ssim_held_out: f64,
     lpips_held_out: Option<f64>,
-    /// Standard deviation over the sampling seeds, dB.
-    psnr_spread: Option<f64>,
+    spread: Option<Spread>,
     psnr_closed_form: f64,
     psnr_by_window: ByWindow,
     psnr_paper: Option<f64>,
@@ -299,7 +298,7 @@ fn measured(
         psnr_held_out: learned.psnr,
         ssim_held_out: learned.ssim,
         lpips_held_out: learned.lpips,
-        psnr_spread: learned.spread,
+        spread: learned.spread,
         psnr_closed_form: closed.psnr,
         psnr_by_window: learned.psnr_by_window,
         psnr_paper: row.paper.map(|[psnr, _, _]| psnr),
@@ -402,7 +401,7 @@ fn table(rows: &[Measured], lpips_network: Option<&str>) -> Table {
             row.training_seed.to_string(),
             row.scenes.to_owned(),
             number(row.psnr_held_out, 2),
-            number(row.psnr_spread.unwrap_or(f64::NAN), 3),
+            number(row.spread.map_or(f64::NAN, |spread| spread.psnr_held_out), 3),
             number(row.ssim_held_out, 3),
             number(row.lpips_held_out.unwrap_or(f64::NAN), 3),
             number(row.psnr_closed_form, 2),

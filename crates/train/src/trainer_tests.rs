@@ -43,9 +43,12 @@ fn the_gradient_of_the_chain_is_that_of_differences() {
         (Kind::EdgeConv, Along::Colours, 0.005),
         (Kind::MaxPool, Along::Colours, 0.005),
     ];
-    for (head, along, tolerance) in cases {
+    let alike = cases.map(|case| (case, Parametrisation::Correction));
+    let of_all_numbers = ((Kind::Attention, Along::Colours, 0.005), Parametrisation::Paper);
+    for ((head, along, tolerance), parametrisation) in alike.into_iter().chain([of_all_numbers]) {
         let config = Config {
             head,
+            parametrisation,
             neighbours: 6,
             density: [0.02, 0.02],
             lambda: 0.1,
@@ -369,6 +372,32 @@ fn sources_are_drawn_by_their_shares_and_scenes_alike() {
     let mut counts = [0; 3];
     (0..4000).for_each(|pass| counts[three.drawn(5, pass)] += 1);
     assert!((1350..1650).contains(&counts[0]) && (400..600).contains(&counts[1]), "{counts:?}");
+}
+
+#[test]
+fn weights_say_what_their_outputs_mean_and_which_neighbours_they_saw() {
+    let folder = tempfile::tempdir().unwrap();
+    let usual = Config { steps: 1, batch: 1, neighbours: 6, feedback: false, ..Config::default() };
+    let other = Config { parametrisation: Parametrisation::Paper, covisible: 3, ..usual.clone() };
+    let [plain, paper] = [usual, other].map(|config| trainer(config, folder.path()));
+    assert_eq!(plain.weights().metadata.keys().collect::<Vec<_>>(), [FEATURES]);
+    let metadata = paper.weights().metadata;
+    assert_eq!((&metadata[PARAMETRISATION][..], &metadata[COVISIBLE][..]), ("paper", "3"));
+    // Whoever uses them need not know: the pass takes both from the weights.
+    let file = folder.path().join("paper.safetensors");
+    paper.weights().write(&file).unwrap();
+    let config = sparsesplat::Config {
+        backbone: Backbone::GivenDepth,
+        head: sparsesplat::Head::Weights(file),
+        neighbours: 6,
+        ..sparsesplat::Config::default()
+    };
+    let predictor = Predictor::new(config).unwrap();
+    assert_eq!(predictor.config().covisible, 3);
+    // A run of the other kind does not begin with them.
+    let mut plain = plain;
+    let error = plain.start_from(&[("paper".to_owned(), paper.weights())]).unwrap_err();
+    assert!(error.to_string().contains("covisible"), "{error}");
 }
 
 #[test]

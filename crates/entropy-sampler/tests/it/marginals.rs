@@ -47,7 +47,7 @@ fn share_beyond_4_errors(maps: &[ImportanceMap], count: usize, sampler: Sampler)
 }
 
 fn check(maps: &[ImportanceMap], count: usize) {
-    for sampler in [Sampler::Fixed, Sampler::Bernoulli] {
+    for sampler in [Sampler::Fixed, Sampler::Bernoulli, Sampler::Systematic] {
         let (wide, open) = share_beyond_4_errors(maps, count, sampler);
         assert!(wide as f64 <= 2e-4 * open as f64, "{sampler:?}, {count}: {wide} of {open} pixels");
     }

@@ -11,7 +11,7 @@ fn views() -> [ImportanceMap; 2] {
 
 #[test]
 fn the_order_has_every_chosen_pixel_once() {
-    for sampler in [Sampler::Fixed, Sampler::Bernoulli] {
+    for sampler in [Sampler::Fixed, Sampler::Bernoulli, Sampler::Systematic] {
         let samples = sample(&views(), Budget::Count(77), sampler, 4).unwrap();
         let mut order = samples.progressive();
         order.sort_unstable();
@@ -29,7 +29,7 @@ fn beginnings_have_a_share_of_p() {
     const DRAWS: usize = 4000;
     let (maps, count) = (views(), 80);
     let p: Vec<Vec<f64>> = maps.iter().map(|map| solve(&maps, f64::from(count)).unwrap().map(map)).collect();
-    for sampler in [Sampler::Fixed, Sampler::Bernoulli] {
+    for sampler in [Sampler::Fixed, Sampler::Bernoulli, Sampler::Systematic] {
         let mut hits = [vec![0u32; 400], vec![0u32; 300]];
         for seed in 0..DRAWS {
             let order =
@@ -57,5 +57,31 @@ fn beginnings_take_from_all_views() {
         let of_first = share(&|chosen| chosen.0 == 0);
         let expected = samples.pixels[0].len() as f64 / 100.0;
         assert!((of_first - expected).abs() < 0.15, "{n}: {of_first}, expected {expected}");
+    }
+}
+
+/// EvenSplat's rule: where pixels are alike, aligned cells of 2x2, 4x4 and 8x8 pixels hold equal numbers, or one more.
+#[test]
+fn systematic_sampling_retains_as_many_in_every_cell() {
+    for (width, height, count) in [(32, 16, 13), (32, 16, 128), (32, 16, 300), (24, 40, 90), (64, 64, 1000)] {
+        let maps =
+            [ImportanceMap::uniform(width, height).unwrap(), ImportanceMap::uniform(width, height).unwrap()];
+        let samples = sample(&maps, Budget::Count(2 * count), Sampler::Systematic, 5).unwrap();
+        assert_eq!(samples.count(), 2 * count);
+        for pixels in &samples.pixels {
+            for side in [2, 4, 8] {
+                let mut cells = vec![0usize; (width / side) * (height / side)];
+                for &pixel in pixels {
+                    let (x, y) = (pixel as usize % width, pixel as usize / width);
+                    cells[y / side * (width / side) + x / side] += 1;
+                }
+                let share = (side * side * count) as f64 / (width * height) as f64;
+                let allowed = (share - 1e-6).floor() as usize..=(share + 1e-6).ceil() as usize;
+                assert!(
+                    cells.iter().all(|n| allowed.contains(n)),
+                    "{width}x{height}, {count}, {side}: {cells:?}"
+                );
+            }
+        }
     }
 }

@@ -13,7 +13,7 @@ fn views() -> Vec<ImportanceMap> {
 #[test]
 fn every_view_has_its_own_count() {
     let maps = views();
-    for sampler in [Sampler::Fixed, Sampler::Bernoulli] {
+    for sampler in [Sampler::Fixed, Sampler::Bernoulli, Sampler::Systematic] {
         let samples = sample_per_view(&maps, &[30, 20, 63, 9, 3], sampler, 8).unwrap();
         let expected: Vec<f64> = samples.iter().map(|samples| samples.expected).collect();
         for (found, count) in expected.iter().zip([30.0, 20.0, 63.0, 5.0, 0.0]) {

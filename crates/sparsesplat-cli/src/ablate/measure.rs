@@ -6,7 +6,7 @@ use crate::arguments::{Common, seeds};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::{device, output};
-use evaluate::{Event, Lpips, Method, Runner, evaluate};
+use evaluate::{Event, Lpips, Method, Runner, Spread, evaluate};
 use scene_windows::{Dropped, GeometryCache, Plan};
 use serde::{Deserialize, Serialize};
 use sparsesplat::{Budget, Head};
@@ -22,8 +22,8 @@ pub(super) struct Scores {
     pub(super) psnr: f64,
     pub(super) ssim: f64,
     pub(super) lpips: Option<f64>,
-    /// Standard deviation over sampling seeds of the mean PSNR, dB.
-    pub(super) spread: Option<f64>,
+    /// Over the sampling seeds, of the means.
+    pub(super) spread: Option<Spread>,
     pub(super) psnr_by_window: ByWindow,
 }
 
@@ -120,7 +120,7 @@ impl Measure<'_> {
             psnr: figures.psnr_held_out,
             ssim: figures.ssim_held_out,
             lpips: figures.lpips_held_out,
-            spread: found.mean.spread.map(|spread| spread.psnr_held_out),
+            spread: found.mean.spread,
             psnr_by_window: found
                 .windows
                 .iter()

@@ -215,12 +215,74 @@ fn rows_of_an_ablation_are_trained_once_and_measured_each() {
         let trained = output.join(format!("attention-entropy-k{neighbours}-seed0/weights.safetensors"));
         assert!(trained.exists(), "{}", trained.display());
     }
+    // Without the paper's method there is nothing to compare with.
+    assert_eq!(read_json(&json)["compared"], serde_json::json!([]));
     // What is trained stays as it is; figures are those of before.
     let before = values(&output.join("attention-entropy-k5-seed0/weights.safetensors"));
     ablate("K=5").succeeded();
     assert_eq!(values(&output.join("attention-entropy-k5-seed0/weights.safetensors")), before);
     let again = &read_json(&json)["rows"][0];
     assert_eq!(again["psnr_held_out"], rows[1]["psnr_held_out"]);
+    // What was measured is kept beside the weights, and is read instead of measured again.
+    let kept = output.join("attention-entropy-k5-seed0/simulated.json");
+    let text = fs::read_to_string(&kept).unwrap();
+    let psnr = read_json(&kept)["psnr"].clone();
+    fs::write(&kept, text.replacen(&psnr.to_string(), "12.5", 1)).unwrap();
+    ablate("K=5").succeeded();
+    assert_eq!(read_json(&json)["rows"][0]["psnr_held_out"], 12.5);
+    // A file that is cut off is measured anew.
+    fs::write(&kept, &text[..text.len() / 2]).unwrap();
+    ablate("K=5").succeeded();
+    assert_eq!(read_json(&json)["rows"][0]["psnr_held_out"], psnr);
+}
+
+#[test]
+fn shards_of_an_ablation_share_out_its_rows_and_the_whole_table_comes_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (config, json) = (at("short.ron"), at("rows.json"));
+    fs::write(
+        &config,
+        "(steps: 1, batch: 1, feedback: false, density: (0.05, 0.1), targets: 1, contexts: 0)",
+    )
+    .unwrap();
+    let (output, cache) = (at("rows"), at("cache"));
+    let ablate = |more: &[&str]| {
+        let mut words = vec!["ablate", "neighbours", "--rows", "K=20,covisible,mixed", "-o", text(&output)];
+        words.extend(["--config", text(&config), "--cache", text(&cache), "--json", text(&json)]);
+        words.extend(["--size", "96x64", "--scenes", "1", "--evaluation-size", "96x64", "--device", "cpu"]);
+        words.extend(["--evaluation-scenes", "2", "--gaussians", "300", "--seeds", "0"]);
+        words.extend(["--parametrisation", "paper"]);
+        call(&[&words[..], more].concat())
+    };
+    for wrong in ["2/2", "1", "a/b", "0/0"] {
+        let Called { code, stderr, .. } = ablate(&["--shard", wrong]);
+        assert!(code == Some(2) && stderr.contains("I/N"), "{wrong}: {stderr}");
+    }
+    ablate(&["--shard", "0/2"]).succeeded();
+    let names = |record: &serde_json::Value| -> Vec<String> {
+        let rows = record["rows"].as_array().unwrap();
+        rows.iter().map(|row| row["row"].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!(names(&read_json(&json)), ["K=20", "mixed"]);
+    ablate(&["--shard", "1/2"]).succeeded();
+    assert_eq!(names(&read_json(&json)), ["covisible"]);
+    let Called { stdout, .. } = ablate(&[]).succeeded();
+    let record = read_json(&json);
+    assert_eq!(names(&record), ["K=20", "covisible", "mixed"]);
+    let compared = record["compared"].as_array().unwrap();
+    assert_eq!(compared.len(), 2);
+    for one in compared {
+        assert!(one["scenes"] == "simulated" && one["reference"] == "K=20", "{one}");
+        assert!(one["interval"].is_number() && one["claim_of_paper"] == "-", "{one}");
+    }
+    assert!(stdout.contains("can they be told apart"), "{stdout}");
+    for (name, covisible) in [("k20", 0), ("k20-covisible20", 20), ("k20-covisible10", 10)] {
+        let weights = output.join(format!("attention-entropy-{name}-paper-seed0/weights.safetensors"));
+        let weights = attn_head::Weights::read(&weights).unwrap();
+        assert_eq!(weights.metadata.get("covisible").map_or(0, |said| said.parse().unwrap()), covisible);
+        assert_eq!(weights.metadata["parametrisation"], "paper");
+    }
 }
 
 #[test]

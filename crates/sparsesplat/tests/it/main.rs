@@ -13,6 +13,8 @@ mod hostile;
 mod invariance;
 /// Further looks at the views.
 mod looks;
+/// What the head gathers.
+mod neighbours;
 /// Held-out views of a simulated scene.
 mod quality;
 

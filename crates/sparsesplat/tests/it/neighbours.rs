@@ -1,0 +1,39 @@
+use crate::{COURTYARD, given_depth};
+use depth_backbone::Wanted;
+use sparsesplat::{Anchored, Config, Predictor, Stages, anchor};
+
+/// The anchors of a configuration, and their neighbours as the head gets them.
+fn gathered(config: &Config) -> (Anchored, Vec<Vec<u32>>) {
+    let views = &COURTYARD.0;
+    let geometry =
+        Predictor::new(config.clone()).unwrap().geometry_with(views, Wanted::DepthAndFeatures).unwrap();
+    let anchored = anchor(views, &geometry, config, &mut Stages::new(&mut |_| {})).unwrap();
+    let inputs = anchored.inputs(&geometry.views, &[]);
+    let rows = inputs.neighbours.chunks_exact(inputs.k).map(<[u32]>::to_vec).collect();
+    (anchored, rows)
+}
+
+#[test]
+fn of_the_neighbours_so_many_are_what_other_views_see() {
+    let config = Config { neighbours: 12, ..given_depth(1_500) };
+    let (nearest, by_distance) = gathered(&config);
+    let [mixed, all] = [5, 12].map(|covisible| gathered(&Config { covisible, ..config.clone() }));
+    for (anchored, rows) in [&mixed, &all] {
+        // The closed form goes by distance, whatever the head looks at.
+        assert!(anchored.base == nearest.base && rows.len() == by_distance.len());
+        for (i, row) in rows.iter().enumerate() {
+            let mut once = row.clone();
+            once.sort_unstable();
+            once.dedup();
+            assert!(once.len() == 12 && !once.contains(&(i as u32)), "{i}: {row:?}");
+        }
+    }
+    let shared = |rows: &[Vec<u32>]| -> f64 {
+        let pairs = rows.iter().zip(&by_distance);
+        pairs.map(|(a, b)| a.iter().filter(|j| b.contains(j)).count()).sum::<usize>() as f64
+            / rows.len() as f64
+    };
+    let (of_mixed, of_all) = (shared(&mixed.1), shared(&all.1));
+    // On the same surface some of them are the nearest too; most of what other views see is not.
+    assert!((7.0..12.0).contains(&of_mixed) && of_all < of_mixed, "{of_mixed} {of_all} of 12");
+}
