@@ -245,7 +245,7 @@ impl Pipeline {
         match self.allocation {
             AllocationName::Entropy | AllocationName::Laplacian | AllocationName::Random => {}
             AllocationName::Even => {
-                given.refuse(&["sampler"], "--allocation even draws pixels in its own way")?
+                given.refuse(&["sampler"], "--allocation even draws pixels in its own way")?;
             }
             AllocationName::PixelAligned => given.refuse(
                 &["gaussians", "tau", "sampler"],
