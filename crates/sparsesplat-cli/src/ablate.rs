@@ -357,7 +357,7 @@ fn table_of_differences(all: &[Compared]) -> Table {
         let signed = |value: f64| format!("{value:+.2}");
         table.push(vec![
             one.row.to_owned(),
-            format!("{} {}", d.scenes, one.scenes),
+            format!("{} {}", d.scene_count, one.scenes),
             signed(d.mean),
             d.interval
                 .map_or("-".to_owned(), |half| format!("{:+.2} to {:+.2}", d.mean - half, d.mean + half)),

@@ -15,7 +15,8 @@ pub(super) struct Difference {
     pub(super) interval: Option<f64>,
     /// The mean by training seed.
     pub(super) by_seed: Vec<f64>,
-    pub(super) scenes: usize,
+    /// How many scenes.
+    pub(super) scene_count: usize,
     pub(super) verdict: Verdict,
 }
 
@@ -74,7 +75,7 @@ pub(super) fn difference(row: &[ByWindow], reference: &[ByWindow]) -> Option<Dif
         Some(half) if same_sign && mean + half < 0.0 => Verdict::Worse,
         _ => Verdict::CannotBeTold,
     };
-    Some(Difference { mean, interval, by_seed, scenes: scenes.len(), verdict })
+    Some(Difference { mean, interval, by_seed, scene_count: scenes.len(), verdict })
 }
 
 /// Half the 95 % interval of the mean of these by Student's t.
@@ -118,7 +119,7 @@ mod tests {
         let row = windows(&[("a/0", 19.0), ("a/1", 24.2), ("b/0", 29.0), ("c/0", 14.1)]);
         let found = difference(&[row.clone(), row.clone()], &[reference.clone(), reference.clone()]).unwrap();
         // By hand: scenes -0.9, -1.0, -0.9; deviation 0.0577, over sqrt(3), times 4.303.
-        assert!((found.mean + 0.9333).abs() < 1e-4 && found.scenes == 3, "{found:?}");
+        assert!((found.mean + 0.9333).abs() < 1e-4 && found.scene_count == 3, "{found:?}");
         assert!((found.interval.unwrap() - 0.1434).abs() < 1e-4, "{found:?}");
         assert_eq!(found.verdict, Verdict::Worse);
         assert_eq!(of_paper(found.verdict, Some(-0.5)), "confirmed");

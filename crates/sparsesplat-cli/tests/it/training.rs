@@ -273,7 +273,10 @@ fn shards_of_an_ablation_share_out_its_rows_and_the_whole_table_comes_of_them() 
     let compared = record["compared"].as_array().unwrap();
     assert_eq!(compared.len(), 2);
     for one in compared {
-        assert!(one["scenes"] == "simulated" && one["reference"] == "K=20", "{one}");
+        assert!(
+            one["scenes"] == "simulated" && one["scene_count"] == 2 && one["reference"] == "K=20",
+            "{one}"
+        );
         assert!(one["interval"].is_number() && one["claim_of_paper"] == "-", "{one}");
     }
     assert!(stdout.contains("can they be told apart"), "{stdout}");
