@@ -362,8 +362,8 @@ impl Plan {
         Self { name: self.name.clone(), source, memory: None }
     }
 
-    /// The same window with pictures that keep their shape and are scaled down to about so many pixels, if they have more. Simulated ones are as
-    /// large as they are.
+    /// The same window with photographs scaled down to about so many pixels, if they have more, in the shape of the first of them. Simulated scenes
+    /// keep their size.
     ///
     /// # Errors
     /// If the first photograph's camera cannot be read.

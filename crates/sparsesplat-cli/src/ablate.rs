@@ -6,10 +6,11 @@ mod rows;
 
 use crate::arguments::{Common, LpipsWeights, gaussians, positive, scenes, seeds, size};
 use crate::failure::{Failure, OrFail, Outcome};
-use crate::source::simulated;
+use crate::source::{files_of, simulated};
 use crate::summary::{print, print_line, warn};
 use crate::train::{Data, Run, SAVE_EVERY, config};
 use crate::{device, output};
+use anyhow::Context;
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
 use compare::{ByWindow, Difference, Verdict, difference};
@@ -17,17 +18,19 @@ use evaluate::{Recipe, Spread};
 use measure::{Measure, Scores, Set};
 use report_parts::{Table, lpips_column, number};
 use rows::{Row, What, folder_of};
-use scene_windows::{Dropped, Plan, Reading, Windows};
+use scene_windows::{Dropped, Plan, Reading, Windows, file_sha256, sha256_of};
 use serde::Serialize;
 use sparsesplat::learned::Parametrisation;
 use sparsesplat::{Allocation, Head, Sampler};
 use std::path::PathBuf;
+use tradeoff::Shard;
 use train::{Config, Ranks, Trainer};
 
 /// Repeat the paper's ablations: train every row alike and measure it on unseen views
 ///
-/// Rows are trained one after the other into --output and resume after an interruption; --shard shares them out among processes or machines. Each row
-/// is compared with the paper's method on the same windows: its difference with a 95 % interval over scenes, and whether the two can be told apart.
+/// Rows are trained one after the other into --output and resume after an interruption; --shard shares them out among processes or machines. If the
+/// paper's method is among the rows, the others are compared with it on the same windows: their differences with 95 % intervals over scenes and training
+/// seeds (at least two), and whether the two can be told apart. The intervals are of single rows: of twenty rows that are alike, one is told apart by chance.
 /// The paper's figures stand beside ours; they come from another data set and some hundred times the training, so compare the order.
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
@@ -57,8 +60,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum)]
     parametrisation: Option<ParametrisationName>,
     /// Only the rows of one of N processes, I from 0
-    #[arg(long, value_name = "I/N", value_parser = shard)]
-    shard: Option<(usize, usize)>,
+    #[arg(long, value_name = "I/N", default_value = "0/1", hide_default_value = true)]
+    shard: Shard,
     /// Training seeds; each gets its own row
     #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "0")]
     training_seeds: Vec<u64>,
@@ -90,14 +93,6 @@ enum ParametrisationName {
     Correction,
     /// All attributes, as in the paper
     Paper,
-}
-
-/// `I/N`, I below N.
-fn shard(text: &str) -> Result<(usize, usize), String> {
-    let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
-    parsed
-        .filter(|(i, n): &(usize, usize)| i < n)
-        .ok_or_else(|| "expected I/N with I from 0 to N - 1, such as 0/4".to_owned())
 }
 
 /// A row as measured on one set of scenes.
@@ -158,7 +153,7 @@ struct Settings<'a> {
     training: &'a Config,
     seeds: &'a [u64],
     gaussians: usize,
-    shard: Option<(usize, usize)>,
+    shard: Shard,
     data_sha256: &'a str,
 }
 
@@ -189,35 +184,41 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut rows = Vec::new();
     let training_seeds = seeds(&arguments.training_seeds);
     let all = training_seeds.iter().flat_map(|&seed| wanted.iter().map(move |row| (row, seed)));
-    let ours = |place: usize| arguments.shard.is_none_or(|(i, n)| place % n == i);
-    for (row, seed) in all.enumerate().filter(|&(place, _)| ours(place)).map(|(_, one)| one) {
+    let all = all.map(|(row, seed)| {
         let mut config = Config { seed, ..base.clone() };
         (row.vary)(&mut config);
+        // Before the first is trained.
+        config.check().or_input()?;
+        Ok((row, config))
+    });
+    let all: Vec<(&Row, Config)> = all.collect::<Outcome<_>>()?;
+    let ours = all.into_iter().enumerate().filter(|(place, _)| arguments.shard.takes(*place));
+    for (row, config) in ours.map(|(_, one)| one) {
         let folder = arguments.output.join(folder_of(&config));
         let run = Run::begin(&folder, SAVE_EVERY, true, &Ranks::alone())?;
-        print_line(&format!("training   {} (seed {seed}), {} steps", row.name, config.steps));
+        print_line(&format!("training   {} (seed {}), {} steps", row.name, config.seed, config.steps));
         let mut trainer =
             Trainer::new(config.clone(), cases.clone(), device::rasterizer(common.device)?).or_work()?;
         run.complete(&mut trainer)?;
         let weights = Head::Weights(run.weights());
         for set in &sets {
-            let lost_before = dropped.len();
             let file = folder.join(format!("{}.json", set.name));
-            let learned = measure.scores(&weights, &config, set, &file, &mut dropped)?;
+            let learned = measure.scores(&weights, &config, set, (row.name, &file), &mut dropped)?;
             let file =
                 arguments.output.join(format!("closed-form-{}-{}.json", anchors_of(&config), set.name));
-            let closed = measure.scores(&Head::ClosedForm, &config, set, &file, &mut dropped)?;
-            for lost in &mut dropped[lost_before..] {
-                lost.name = format!("{} of {}", lost.name, row.name);
-            }
+            let closed = measure.scores(&Head::ClosedForm, &config, set, (row.name, &file), &mut dropped)?;
             rows.push(measured(row, &config, trainer.skipped(), set.name, (learned, &closed)));
         }
     }
     let compared = compared(arguments.what, &rows);
     print(&table(&rows, lpips_network).to_text());
-    if !compared.is_empty() {
-        print_line("");
-        print(&table_of_differences(&compared).to_text());
+    print_line("");
+    match &compared[..] {
+        [] => print_line(&format!(
+            "compared   nothing: the row {} and another are not among these rows",
+            arguments.what.reference()
+        )),
+        all => print(&table_of_differences(all).to_text()),
     }
     let seeds = seeds(&arguments.seeds);
     let settings = Settings {
@@ -247,7 +248,7 @@ fn sets(arguments: &Arguments, dropped: &mut Vec<Dropped>) -> Outcome<Vec<Set>> 
     let (scenes, size) = (arguments.evaluation_scenes, arguments.evaluation_size);
     let mut sets = vec![Set {
         name: "simulated",
-        of: format!("{scenes} scenes of {}x{}", size.0, size.1),
+        description: format!("{scenes} scenes of {}x{}", size.0, size.1),
         plans: simulated(0..scenes as u64, size),
     }];
     if let Some(root) = &arguments.photographs {
@@ -260,8 +261,16 @@ fn sets(arguments: &Arguments, dropped: &mut Vec<Dropped>) -> Outcome<Vec<Set>> 
         dropped.extend(unread);
         let plans =
             plans.iter().map(|plan| plan.of_about(size.0 * size.1)).collect::<scene_windows::Result<_>>();
-        let of = format!("{} of about {}x{}", root.display(), size.0, size.1);
-        sets.push(Set { name: "photographs", of, plans: plans.map_err(Failure::sorted)? });
+        let plans: Vec<Plan> = plans.map_err(Failure::sorted)?;
+        let hashes = files_of(&plans)
+            .iter()
+            .map(|file| {
+                file_sha256(file).with_context(|| format!("{}: cannot read", file.display())).or_input()
+            })
+            .collect::<Outcome<Vec<_>>>()?;
+        let files = sha256_of(hashes.iter().map(String::as_str));
+        let description = format!("photographs of about {}x{}, files {files}", size.0, size.1);
+        sets.push(Set { name: "photographs", description, plans });
     }
     for set in &mut sets {
         set.plans = set.plans.drain(..).map(Plan::kept_in_memory).collect();
@@ -318,14 +327,11 @@ fn compared(what: What, rows: &[Measured]) -> Vec<Compared> {
         let of = |name: &str, seed: u64| {
             rows.iter()
                 .find(|other| other.row == name && other.scenes == one.scenes && other.training_seed == seed)
-                .map(|found| found.psnr_by_window.clone())
+                .map(|found| &found.psnr_by_window)
         };
-        let mut seeds: Vec<u64> = rows.iter().map(|row| row.training_seed).collect();
-        seeds.sort_unstable();
-        seeds.dedup();
-        let pairs = seeds.iter().filter_map(|&seed| of(one.row, seed).zip(of(reference, seed)));
-        let (row, its_reference): (Vec<ByWindow>, Vec<ByWindow>) = pairs.unzip();
-        let Some(difference) = difference(&row, &its_reference) else { continue };
+        let seeds = rows.iter().map(|row| row.training_seed);
+        let pairs = seeds.filter_map(|seed| Some((seed, [of(one.row, seed)?, of(reference, seed)?])));
+        let Some(difference) = difference(&pairs.collect()) else { continue };
         let in_paper = what.difference_in_paper(one.row);
         all.push(Compared {
             row: one.row,
@@ -347,9 +353,9 @@ fn table_of_differences(all: &[Compared]) -> Table {
         &format!("PSNR less {reference}'s"),
         "95 % interval",
         "by training seed",
-        "can they be told apart",
-        "the paper's",
-        "its claim",
+        "can be told apart",
+        "the paper's difference",
+        "the paper's claim",
     ];
     let mut table = Table::new(&head, 2);
     for one in all {
@@ -361,11 +367,12 @@ fn table_of_differences(all: &[Compared]) -> Table {
             signed(d.mean),
             d.interval
                 .map_or("-".to_owned(), |half| format!("{:+.2} to {:+.2}", d.mean - half, d.mean + half)),
-            d.by_seed.iter().map(|&d| signed(d)).collect::<Vec<_>>().join(", "),
-            match d.verdict {
-                Verdict::Better => "yes, better",
-                Verdict::Worse => "yes, worse",
-                Verdict::CannotBeTold => "no",
+            d.by_training_seed.values().map(|&d| signed(d)).collect::<Vec<_>>().join(", "),
+            match (d.verdict, d.interval) {
+                (_, None) => "one training seed or scene cannot tell",
+                (Verdict::Better, _) => "yes, better",
+                (Verdict::Worse, _) => "yes, worse",
+                (Verdict::CannotBeTold, _) => "no",
             }
             .to_owned(),
             one.psnr_difference_paper.map_or("-".to_owned(), signed),

@@ -157,8 +157,6 @@ pub(crate) enum AllocationName {
     Laplacian,
     /// Random pixels
     Random,
-    /// As many pixels in every cell of 2x2 (as EvenSplat retains them)
-    Even,
     /// Every pixel; the count is not used
     PixelAligned,
     /// Every pixel, merged down to the count afterwards (as GGN and Long-LRM do)
@@ -174,7 +172,7 @@ pub(crate) enum SamplerName {
     Fixed,
     /// Independent draws
     Bernoulli,
-    /// Exact count, one after the other along a curve that fills the picture
+    /// Exact count along a curve that fills the picture: with --allocation random as many in every cell of 2x2 usable pixels
     Systematic,
 }
 
@@ -206,7 +204,6 @@ impl AllocationName {
             Self::Entropy => Allocation::Entropy,
             Self::Laplacian => Allocation::Laplacian,
             Self::Random => Allocation::Random,
-            Self::Even => Allocation::Even,
             Self::PixelAligned => Allocation::PixelAligned,
             Self::Merged => Allocation::Merged,
             Self::VoxelAligned => Allocation::VoxelAligned,
@@ -244,9 +241,6 @@ impl Pipeline {
     fn refuse_without_effect(&self, given: &Given) -> Outcome {
         match self.allocation {
             AllocationName::Entropy | AllocationName::Laplacian | AllocationName::Random => {}
-            AllocationName::Even => {
-                given.refuse(&["sampler"], "--allocation even draws pixels in its own way")?;
-            }
             AllocationName::PixelAligned => given.refuse(
                 &["gaussians", "tau", "sampler"],
                 "--allocation pixel-aligned makes one Gaussian of every pixel",
@@ -282,8 +276,6 @@ impl Pipeline {
             },
             budget: self.tau.map_or(Budget::Gaussians(self.gaussians), Budget::Tau),
             neighbours: self.neighbours,
-            // That of the weights.
-            covisible: 0,
             head: match (weights, self.head) {
                 (Some(weights), HeadName::Default) => Head::Weights(weights),
                 (Some(weights), _) => {

@@ -118,7 +118,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let mut told = "";
     for plan in &plans {
         // Once for all windows of a scene.
-        let scene = plan.name().rsplit_once('/').map_or(plan.name(), |(scene, _)| scene);
+        let scene = scene_windows::scene_of(plan.name());
         if told != scene {
             progress.warn_of_data(scene, plan);
         }

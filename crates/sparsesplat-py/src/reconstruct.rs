@@ -109,8 +109,6 @@ pub(crate) fn reconstruct(
         sampler: one_of("sampler", sampler)?,
         budget: tau.map_or(Budget::Gaussians(gaussians), Budget::Tau),
         neighbours,
-        // That of the weights.
-        covisible: 0,
         head: match weights {
             Some(weights) => Head::Weights(weights),
             None => one_of("head", head)?,

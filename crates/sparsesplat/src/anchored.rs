@@ -10,7 +10,7 @@ use crate::{
 };
 use backproject::{Anchors, Backprojected, ViewPixels};
 use depth_backbone::ViewGeometry;
-use entropy_sampler::{EntropyWindow, ImportanceMap, Sampler};
+use entropy_sampler::{EntropyWindow, ImportanceMap};
 use glam::{DVec2, DVec3};
 use gs_scene::{Camera, Gaussians, View};
 use knn::Neighbors;
@@ -43,7 +43,8 @@ pub struct Anchored {
 }
 
 /// Chooses pixels of `views` with known `geometry` and lifts them into space. Anchors have features where the views' geometry has. Of the
-/// configuration, backbone and head are not used.
+/// configuration, backbone and head are not used. Of the neighbours that a head gathers, the first `covisible`, as far as there are so many, are
+/// what other views see where they see the anchor (crate covisibility), nearest in the picture first; the rest are the nearest in space.
 ///
 /// # Errors
 /// If settings contradict each other, or the views do not suffice for the budget.
@@ -51,6 +52,7 @@ pub fn anchor(
     views: &[View],
     geometry: &Geometry,
     config: &Config,
+    covisible: usize,
     stages: &mut Stages<'_>,
 ) -> Result<Anchored> {
     config.check()?;
@@ -98,8 +100,8 @@ pub fn anchor(
 
     let (neighbours, gathered) = stages.run(Stage::Knn, || {
         let nearest = neighbours(&anchors, config.neighbours)?;
-        let by_views = nearest.as_ref().filter(|_| config.covisible > 0);
-        let gathered = by_views.map(|nearest| gathered(&anchors, views, nearest, config.covisible));
+        let by_views = nearest.as_ref().filter(|_| covisible > 0);
+        let gathered = by_views.map(|nearest| gathered(&anchors, views, nearest, covisible));
         Ok::<_, Error>((nearest, gathered.transpose()?))
     })?;
 
@@ -190,11 +192,7 @@ fn sample(
         Budget::Gaussians(total) => entropy_sampler::Budget::Count(total - shell),
         Budget::Tau(tau) => entropy_sampler::Budget::Tau(tau),
     };
-    let sampler = match config.allocation {
-        Allocation::Even => Sampler::Systematic,
-        _ => config.sampler,
-    };
-    let samples = entropy_sampler::sample(&maps, budget, sampler, config.seed)?;
+    let samples = entropy_sampler::sample(&maps, budget, config.sampler, config.seed)?;
     Ok((samples.pixels, Some(samples.probability.tau)))
 }
 

@@ -19,10 +19,6 @@ pub struct Config {
     pub budget: Budget,
     /// Neighbours K that each anchor gathers.
     pub neighbours: usize,
-    /// How many of them the head takes by co-visibility, as far as there are so many: what other views see where they see the anchor (crate
-    /// covisibility), instead of by distance in space. A [`Predictor`](crate::Predictor) takes the number that its weights were trained with.
-    #[serde(default)]
-    pub covisible: usize,
     /// What turns anchors into Gaussians.
     pub head: Head,
     /// Looks at the views through the renderer, at least 1. The first is the feedback of the head, which makes the Gaussians in one pass; in
@@ -46,7 +42,6 @@ impl Default for Config {
             sampler: Sampler::Fixed,
             budget: Budget::Gaussians(40_000),
             neighbours: 20,
-            covisible: 0,
             head: Head::Default,
             looks: 3,
             far_shell: true,
@@ -130,9 +125,6 @@ pub enum Allocation {
     Laplacian,
     /// Every pixel alike.
     Random,
-    /// Every pixel alike, and in every aligned cell of 2x2 pixels as many as in every other, or one more (as EvenSplat retains them), whatever the
-    /// sampler.
-    Even,
     /// Every pixel: one Gaussian each; the budget is not used.
     PixelAligned,
     /// Every pixel; the Gaussians are then merged down to the budget, which must be a count (post-processing as in GGN
@@ -148,7 +140,7 @@ impl Allocation {
     #[must_use]
     pub fn takes_all(self) -> bool {
         match self {
-            Self::Entropy | Self::Laplacian | Self::Random | Self::Even => false,
+            Self::Entropy | Self::Laplacian | Self::Random => false,
             Self::PixelAligned | Self::Merged | Self::VoxelAligned => true,
         }
     }

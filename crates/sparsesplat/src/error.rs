@@ -84,7 +84,7 @@ pub enum Error {
         /// Schema of the features that there are.
         found: String,
     },
-    /// Weights say something of themselves that this program does not know.
+    /// An unknown value in the metadata of weights.
     #[error(
         "{weights}: the metadata say {key} {found:?}, which this program does not know: it may be older than the weights"
     )]

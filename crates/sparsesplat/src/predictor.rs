@@ -48,7 +48,7 @@ impl Predictor {
     ///
     /// # Errors
     /// As [`Predictor::new`].
-    pub fn with_config(&self, mut config: Config) -> Result<Self> {
+    pub fn with_config(&self, config: Config) -> Result<Self> {
         config.check()?;
         let networks = self.networks.of(&config.backbone, self.device)?;
         let head = match (HeadWeights::chosen(&config), &self.head) {
@@ -59,7 +59,6 @@ impl Predictor {
                 Some((weights, head))
             }
         };
-        config.covisible = head.as_ref().map_or(0, |(_, head)| head.covisible());
         Ok(Self { config, device: self.device, networks, head })
     }
 
@@ -143,8 +142,9 @@ impl Predictor {
         if config.head == Head::DepthSplat {
             return own_head::finish(views, geometry, config, stages);
         }
-        let anchored = anchor(views, geometry, config, &mut stages)?;
         let head = self.head.as_ref().map(|(_, head)| head);
+        let covisible = head.map_or(0, |head| head.covisible());
+        let anchored = anchor(views, geometry, config, covisible, &mut stages)?;
         let made = head.map(|head| head.gaussians(&anchored, &geometry.views, &mut stages)).transpose()?;
         let Anchored { base, shell, mut counts, tau, exposure, spacing, .. } = anchored;
         let gaussians = stages.run(Stage::Decode, || {

@@ -282,7 +282,7 @@ impl Trainer {
         Weights { config: self.net.config(), values: self.weights.clone(), metadata: self.metadata() }
     }
 
-    /// What whoever uses the weights must know besides.
+    /// Metadata of the weights: what their user must know.
     fn metadata(&self) -> BTreeMap<String, String> {
         let mut all = BTreeMap::from([(FEATURES.to_owned(), self.schema.clone())]);
         if self.config.parametrisation != Parametrisation::default() {
@@ -399,11 +399,11 @@ impl Trainer {
             budget: Budget::Gaussians(((pixels as f64 * density) as usize).max(1)),
             sampler: self.config.sampler,
             neighbours: self.config.neighbours,
-            covisible: self.config.covisible,
             seed,
             ..sparsesplat::Config::default()
         };
-        Ok(anchor(&case.context, &case.geometry, &config, &mut Stages::new(&mut |_| {}))?)
+        let covisible = self.config.covisible;
+        Ok(anchor(&case.context, &case.geometry, &config, covisible, &mut Stages::new(&mut |_| {}))?)
     }
 
     /// Held-out PSNR of the head and of the closed form on the targets of `cases`, at one density; `look` is given each

@@ -393,7 +393,9 @@ fn weights_say_what_their_outputs_mean_and_which_neighbours_they_saw() {
         ..sparsesplat::Config::default()
     };
     let predictor = Predictor::new(config).unwrap();
-    assert_eq!(predictor.config().covisible, 3);
+    let case = paper.cases.read(0).unwrap();
+    let made = predictor.predict_from(&case.context, &case.geometry, &mut |_| {}).unwrap();
+    assert_eq!(made.gaussians.sh_degree(), 2, "made by the head");
     // A run of the other kind does not begin with them.
     let mut plain = plain;
     let error = plain.start_from(&[("paper".to_owned(), paper.weights())]).unwrap_err();

@@ -37,7 +37,7 @@ mod perceptron;
 mod sums;
 mod transpose;
 
-use crate::{Config, Inputs, Kind, Layout, OUTPUTS};
+use crate::{Config, Inputs, Kind, Layout, OUTPUTS, WIDTH};
 use attention::Attention;
 use backward::Backward;
 use edge_conv::EdgeConv;
@@ -69,8 +69,9 @@ pub fn forward(config: &Config, weights: &[f32], inputs: &Inputs<'_>) -> Vec<f32
 
 /// What [`backward`] needs of a forward pass: the features before every layer and after the last, 4 buffers of
 /// `[n, 128]`; of edge convolution and max pooling also the maxima, and which pair has each, 3 times 1.25 buffers.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Tape {
+    kind: Kind,
     features: Vec<Vec<f32>>,
     /// For each layer, one for each block of anchors.
     maxima: Vec<Vec<Maxima>>,
@@ -82,7 +83,7 @@ pub struct Tape {
 /// As [`forward`].
 #[must_use]
 pub fn forward_recorded(config: &Config, weights: &[f32], inputs: &Inputs<'_>) -> (Vec<f32>, Tape) {
-    let mut tape = Tape::default();
+    let mut tape = Tape { kind: config.kind, features: Vec::new(), maxima: Vec::new() };
     (outputs(config, weights, inputs, Some(&mut tape)), tape)
 }
 
@@ -137,6 +138,8 @@ pub fn backward(
         Backward { config, layout, network, inputs }.run(tape, grad_out)
     }
     assert_eq!(grad_out.len(), inputs.n * OUTPUTS, "gradients of the outputs");
+    assert_eq!(tape.kind, config.kind, "a tape of this kind of head");
+    assert!(tape.features.iter().all(|rows| rows.len() == inputs.n * WIDTH), "a tape of as many anchors");
     let head = (config, weights, inputs);
     match config.kind {
         Kind::Attention => of::<Attention<'_>>(head, tape, grad_out),

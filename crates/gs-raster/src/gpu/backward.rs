@@ -9,6 +9,10 @@ use crate::{CameraGradient, Error, Gradients, PixelGradients, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::Camera;
 use gs_shaders::{PAIR_GRADS, PIXEL_GRADS, POSE_SUMS, WORKGROUP};
+use std::collections::VecDeque;
+
+/// Views whose backward passes may be under way at a time: each holds the gradients by its pixels in the main memory until it is done.
+const AHEAD: usize = 3;
 
 impl Gpu {
     /// Puts the derivatives of all views into `gradients`, whose arrays have their lengths.
@@ -31,29 +35,43 @@ impl Gpu {
             recording.encoder().clear_buffer(sum, 0, None);
         }
         self.submit(recording)?;
-        let mut poses = Vec::new();
-        for (view, pixels) in tape.views.iter().zip(pixels) {
+        let mut waiting = VecDeque::new();
+        for ((view, camera), pixels) in tape.views.iter().zip(cameras).zip(pixels) {
             for (pixel, t) in pixels.image.chunks_exact(3).zip(&view.transmittance) {
                 for (background, v) in gradients.background.iter_mut().zip(pixel) {
                     *background += f64::from(*v) * f64::from(*t);
                 }
             }
-            poses.push(self.view_backward(&tape.upload, view, pixels, &sums)?);
+            waiting.push_back((self.view_backward(&tape.upload, view, pixels, &sums)?, camera));
+            if waiting.len() > AHEAD {
+                self.camera_of_first(&mut waiting, gradients)?;
+            }
         }
         let mut recording = self.recording();
         let staged = [&sums.geometry, &sums.sh].map(|buffer| self.stage(&mut recording, buffer));
         self.submit(recording)?;
-        for (pose, camera) in poses.iter().zip(cameras) {
-            let mut sums = [0.0; POSE_SUMS];
-            for group in self.read::<f32>(pose)?.chunks_exact(POSE_SUMS) {
-                for (sum, value) in sums.iter_mut().zip(group) {
-                    *sum += f64::from(*value);
-                }
-            }
-            gradients.cameras.push(camera_gradient(&sums, camera));
+        while !waiting.is_empty() {
+            self.camera_of_first(&mut waiting, gradients)?;
         }
         self.read_into(&staged[0], &mut gradients.geometry)?;
         self.read_into(&staged[1], &mut gradients.sh)
+    }
+
+    /// Waits for the first of these views, and adds the gradient by its camera.
+    fn camera_of_first(
+        &self,
+        waiting: &mut VecDeque<(Pooled, &Camera)>,
+        gradients: &mut Gradients,
+    ) -> Result<()> {
+        let Some((staged, camera)) = waiting.pop_front() else { return Ok(()) };
+        let mut sums = [0.0; POSE_SUMS];
+        for group in self.read::<f32>(&staged)?.chunks_exact(POSE_SUMS) {
+            for (sum, value) in sums.iter_mut().zip(group) {
+                *sum += f64::from(*value);
+            }
+        }
+        gradients.cameras.push(camera_gradient(&sums, camera));
+        Ok(())
     }
 
     /// Submits the backward pass of a view, which adds to `sums`; gives the sums by its pose, staged. Nothing waits for the GPU.

@@ -1,5 +1,6 @@
 //! Whether rows can be told apart: differences scene by scene, on the same windows.
 
+use scene_windows::scene_of;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -9,12 +10,12 @@ pub(super) type ByWindow = BTreeMap<String, f64>;
 /// A row against the reference, in dB of held-out PSNR.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Difference {
-    /// Mean over scenes, of the mean over a scene's windows and the training seeds.
+    /// Mean over training seeds and scenes, of the mean over a scene's windows.
     pub(super) mean: f64,
-    /// Half the 95 % interval of the mean by a paired t-test over scenes; none of a single scene.
+    /// Half the 95 % interval of the mean; none of a single scene or training seed, which say nothing of others.
     pub(super) interval: Option<f64>,
     /// The mean by training seed.
-    pub(super) by_seed: Vec<f64>,
+    pub(super) by_training_seed: BTreeMap<u64, f64>,
     /// How many scenes.
     pub(super) scene_count: usize,
     pub(super) verdict: Verdict,
@@ -24,7 +25,7 @@ pub(super) struct Difference {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Verdict {
-    /// The interval excludes zero, and the difference has the same sign with every training seed.
+    /// The interval excludes zero.
     Better,
     Worse,
     /// Anything else.
@@ -42,51 +43,63 @@ pub(super) fn of_paper(verdict: Verdict, in_paper: Option<f64>) -> &'static str 
     }
 }
 
-/// A row against a reference, each with one map for each training seed, in the same order. None if they share no window.
-pub(super) fn difference(row: &[ByWindow], reference: &[ByWindow]) -> Option<Difference> {
-    // By scene: windows of one scene are no independent samples.
-    let mut by_scene: BTreeMap<&str, Vec<Vec<f64>>> = BTreeMap::new();
-    for (seed, (row, reference)) in row.iter().zip(reference).enumerate() {
-        for (window, psnr) in row {
-            let Some(other) = reference.get(window) else { continue };
-            let scene = window.rsplit_once('/').map_or(window.as_str(), |(scene, _)| scene);
-            let seeds = by_scene.entry(scene).or_default();
-            seeds.resize(seeds.len().max(seed + 1), Vec::new());
-            seeds[seed].push(psnr - other);
+/// A row against a reference, window by window, by training seed. None if they share no window.
+///
+/// The interval is of scenes and training seeds that were not tried: with the deviations s of the means by scene (over seeds) and by seed (over scenes),
+/// its variance is s²/n of the scenes plus s²/n of the seeds, and its degrees of freedom follow from Welch and Satterthwaite. Windows of one scene are
+/// no independent samples, nor are those of one seed. Nothing is corrected for the number of rows.
+pub(super) fn difference(rows: &BTreeMap<u64, [&ByWindow; 2]>) -> Option<Difference> {
+    let mut by_scene: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    let mut by_training_seed = BTreeMap::new();
+    for (&seed, [row, reference]) in rows {
+        let mut scenes: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+        for (window, psnr) in *row {
+            if let Some(other) = reference.get(window) {
+                scenes.entry(scene_of(window)).or_default().push(psnr - other);
+            }
         }
+        let scenes: BTreeMap<&str, f64> =
+            scenes.iter().map(|(scene, windows)| (*scene, mean_of(windows))).collect();
+        if !scenes.is_empty() {
+            by_training_seed.insert(seed, mean_of(&scenes.values().copied().collect::<Vec<_>>()));
+        }
+        scenes.into_iter().for_each(|(scene, mean)| by_scene.entry(scene).or_default().push(mean));
     }
-    let seeds = by_scene.values().map(Vec::len).max()?;
-    let mean_of = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    let of_seed = |seed: usize| -> Option<f64> {
-        let scenes: Vec<f64> =
-            by_scene.values().filter_map(|seeds| seeds.get(seed).map(|windows| mean_of(windows))).collect();
-        (!scenes.is_empty()).then(|| mean_of(&scenes))
-    };
-    let by_seed: Vec<f64> = (0..seeds).filter_map(of_seed).collect();
-    let scenes: Vec<f64> = by_scene
-        .values()
-        .map(|seeds| mean_of(&seeds.iter().filter(|w| !w.is_empty()).map(|w| mean_of(w)).collect::<Vec<_>>()))
-        .collect();
-    let mean = mean_of(&scenes);
-    let interval = half_interval(&scenes);
-    let same_sign = by_seed.iter().all(|d| d.signum() == mean.signum());
-    let verdict = match interval {
-        Some(half) if same_sign && mean - half > 0.0 => Verdict::Better,
-        Some(half) if same_sign && mean + half < 0.0 => Verdict::Worse,
-        _ => Verdict::CannotBeTold,
-    };
-    Some(Difference { mean, interval, by_seed, scene_count: scenes.len(), verdict })
-}
-
-/// Half the 95 % interval of the mean of these by Student's t.
-fn half_interval(values: &[f64]) -> Option<f64> {
-    let n = values.len();
-    if n < 2 {
+    let of_scenes: Vec<f64> = by_scene.values().map(|seeds| mean_of(seeds)).collect();
+    let of_seeds: Vec<f64> = by_training_seed.values().copied().collect();
+    if of_scenes.is_empty() {
         return None;
     }
-    let mean = values.iter().sum::<f64>() / n as f64;
-    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1) as f64;
-    Some(quantile(n - 1) * (variance / n as f64).sqrt())
+    let mean = mean_of(&of_scenes);
+    let interval = half_interval(&of_scenes, &of_seeds);
+    let verdict = match interval {
+        Some(half) if mean - half > 0.0 => Verdict::Better,
+        Some(half) if mean + half < 0.0 => Verdict::Worse,
+        _ => Verdict::CannotBeTold,
+    };
+    Some(Difference { mean, interval, by_training_seed, scene_count: of_scenes.len(), verdict })
+}
+
+fn mean_of(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Half the 95 % interval of the mean from its means by scene and by seed.
+fn half_interval(scenes: &[f64], seeds: &[f64]) -> Option<f64> {
+    if scenes.len() < 2 || seeds.len() < 2 {
+        return None;
+    }
+    // Variance of the mean of these.
+    let part = |values: &[f64]| {
+        let (n, mean) = (values.len() as f64, mean_of(values));
+        values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0) / n
+    };
+    let parts = [scenes, seeds].map(|values| (part(values), values.len() as f64 - 1.0));
+    let variance: f64 = parts.iter().map(|(part, _)| part).sum();
+    let spread: f64 = parts.iter().map(|(part, degrees)| part * part / degrees).sum();
+    let degrees =
+        if spread > 0.0 { (variance * variance / spread).floor() as usize } else { scenes.len() - 1 };
+    Some(quantile(degrees.max(1)) * variance.sqrt())
 }
 
 /// The 97.5 % quantile of Student's t with so many degrees of freedom (tables; above 30 the next lower row, which is wider).
@@ -113,41 +126,50 @@ mod tests {
         values.iter().map(|&(name, psnr)| (name.to_owned(), psnr)).collect()
     }
 
+    fn of(seeds: &[[&ByWindow; 2]]) -> Option<Difference> {
+        difference(&(7..).zip(seeds.iter().copied()).collect())
+    }
+
     #[test]
     fn a_difference_that_every_scene_and_seed_shows_is_told() {
         let reference = windows(&[("a/0", 20.0), ("a/1", 25.0), ("b/0", 30.0), ("c/0", 15.0)]);
         let row = windows(&[("a/0", 19.0), ("a/1", 24.2), ("b/0", 29.0), ("c/0", 14.1)]);
-        let found = difference(&[row.clone(), row.clone()], &[reference.clone(), reference.clone()]).unwrap();
-        // By hand: scenes -0.9, -1.0, -0.9; deviation 0.0577, over sqrt(3), times 4.303.
-        assert!((found.mean + 0.9333).abs() < 1e-4 && found.scene_count == 3, "{found:?}");
-        assert!((found.interval.unwrap() - 0.1434).abs() < 1e-4, "{found:?}");
+        let other = windows(&[("a/0", 19.1), ("a/1", 24.3), ("b/0", 29.1), ("c/0", 14.2)]);
+        let found = of(&[[&row, &reference], [&other, &reference]]).unwrap();
+        // By hand: scenes -0.85, -0.95, -0.85 (variance 0.003333, over 3), seeds -0.9333, -0.8333 (0.005, over 2); variance of the mean 0.003611,
+        // degrees of freedom 0.003611² / (0.001111² / 2 + 0.0025² / 1) = 1.9, so 1.
+        assert!((found.mean + 0.8833).abs() < 1e-4 && found.scene_count == 3, "{found:?}");
+        assert!((found.interval.unwrap() - 12.706 * 0.003_611_f64.sqrt()).abs() < 1e-3, "{found:?}");
+        assert_eq!(found.by_training_seed.keys().copied().collect::<Vec<_>>(), [7, 8]);
         assert_eq!(found.verdict, Verdict::Worse);
         assert_eq!(of_paper(found.verdict, Some(-0.5)), "confirmed");
         assert_eq!(of_paper(found.verdict, Some(0.5)), "contradicted");
         assert_eq!(of_paper(found.verdict, None), "-");
-        let other_way = difference(&[reference], &[row]).unwrap();
-        assert_eq!(other_way.verdict, Verdict::Better);
+        assert_eq!(of(&[[&reference, &row], [&reference, &other]]).unwrap().verdict, Verdict::Better);
     }
 
     #[test]
-    fn what_scenes_or_seeds_contradict_is_not_told() {
+    fn what_scenes_or_seeds_contradict_or_one_alone_shows_is_not_told() {
         let reference = windows(&[("a/0", 20.0), ("b/0", 30.0)]);
         let mixed = windows(&[("a/0", 21.0), ("b/0", 29.5)]);
-        assert_eq!(
-            difference(&[mixed], std::slice::from_ref(&reference)).unwrap().verdict,
-            Verdict::CannotBeTold
-        );
-        // Alike on every scene in the mean over seeds, but the seeds disagree.
+        let told = |seeds: &[[&ByWindow; 2]]| of(seeds).unwrap().verdict;
+        assert_eq!(told(&[[&mixed, &reference], [&mixed, &reference]]), Verdict::CannotBeTold);
+        // Alike on every scene, but the seeds disagree.
         let (up, down) = (windows(&[("a/0", 21.0), ("b/0", 31.0)]), windows(&[("a/0", 19.5), ("b/0", 29.5)]));
-        let found = difference(&[up, down], &[reference.clone(), reference.clone()]).unwrap();
-        assert_eq!((found.verdict, found.by_seed.clone()), (Verdict::CannotBeTold, vec![1.0, -0.5]));
-        assert_eq!(found.interval, Some(0.0));
-        // One scene has no interval, and none in common no difference.
-        let one = windows(&[("a/0", 25.0)]);
-        let found = difference(&[one], std::slice::from_ref(&reference)).unwrap();
-        assert_eq!((found.interval, found.verdict), (None, Verdict::CannotBeTold));
-        assert_eq!(difference(&[windows(&[("z/0", 1.0)])], &[reference]), None);
-        assert_eq!(difference(&[], &[]), None);
+        let found = of(&[[&up, &reference], [&down, &reference]]).unwrap();
+        assert_eq!(found.verdict, Verdict::CannotBeTold);
+        assert_eq!(found.by_training_seed, BTreeMap::from([(7, 1.0), (8, -0.5)]));
+        // One seed or one scene has no interval, and none in common no difference.
+        let one = of(&[[&up, &reference]]).unwrap();
+        assert_eq!((one.interval, one.verdict), (None, Verdict::CannotBeTold));
+        let short = windows(&[("a/0", 25.0)]);
+        assert_eq!(of(&[[&short, &reference], [&short, &reference]]).unwrap().interval, None);
+        let elsewhere = windows(&[("z/0", 1.0)]);
+        assert_eq!(of(&[[&elsewhere, &reference]]), None);
+        assert_eq!(of(&[]), None);
+        // A seed without a window in common says nothing, and is no NaN.
+        let found = of(&[[&elsewhere, &reference], [&up, &reference], [&up, &reference]]).unwrap();
+        assert_eq!((found.mean, found.by_training_seed.len(), found.interval), (1.0, 2, Some(0.0)));
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Rows on unseen views. What was measured is kept beside the weights, so that a run that was interrupted, or shards, measure nothing twice.
+//! Rows on unseen views. What was measured is kept beside the weights: a run that was interrupted does not measure it again, nor does the one that
+//! collects the rows of shards.
 
 use super::Arguments;
 use super::compare::ByWindow;
@@ -6,8 +7,9 @@ use crate::arguments::{Common, seeds};
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::progress::{Progress, describe};
 use crate::{device, output};
+use anyhow::Context;
 use evaluate::{Event, Lpips, Method, Runner, Spread, evaluate};
-use scene_windows::{Dropped, GeometryCache, Plan};
+use scene_windows::{Dropped, GeometryCache, Plan, file_sha256};
 use serde::{Deserialize, Serialize};
 use sparsesplat::{Budget, Head};
 use std::path::Path;
@@ -27,7 +29,7 @@ pub(super) struct Scores {
     pub(super) psnr_by_window: ByWindow,
 }
 
-/// What figures depend on.
+/// What figures depend on. Changes of the program that were not committed are not seen.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 struct Key {
     /// The commit that the program was built from.
@@ -37,15 +39,17 @@ struct Key {
     scenes: String,
     config: String,
     seeds: Vec<u64>,
-    lpips: Option<String>,
+    /// SHA-256 of each file of the backbone's weights and of LPIPS.
+    files: Vec<String>,
+    device: Option<String>,
 }
 
 /// What is measured on.
 pub(super) struct Set {
     /// `simulated` or `photographs`.
     pub(super) name: &'static str,
-    /// What decides which windows they are.
-    pub(super) of: String,
+    /// What decides which windows they are: size, number of scenes, contents of files.
+    pub(super) description: String,
     pub(super) plans: Vec<Plan>,
 }
 
@@ -58,13 +62,13 @@ pub(super) struct Measure<'a> {
 
 impl Measure<'_> {
     /// The head with the anchors of `training` on a set; figures that are in `file` already, of the same head and windows, are read.
-    /// Windows that were dropped join `dropped`, and are not kept.
+    /// Windows that were dropped join `dropped` under the name of the row, and figures without them are not kept.
     pub(super) fn scores(
         &self,
         head: &Head,
         training: &Config,
         set: &Set,
-        file: &Path,
+        (row, file): (&str, &Path),
         dropped: &mut Vec<Dropped>,
     ) -> Outcome<Scores> {
         let (backbone, _) = self.arguments.data.source.resolve()?;
@@ -79,28 +83,40 @@ impl Measure<'_> {
             looks: 1,
             ..sparsesplat::Config::default()
         };
+        let hash = |path: &Path| {
+            file_sha256(path).with_context(|| format!("{}: cannot read", path.display())).or_work()
+        };
         let weights = match head {
-            Head::Weights(path) => Some(scene_windows::file_sha256(path).or_work()?),
+            Head::Weights(path) => Some(hash(path)?),
             _ => None,
         };
+        let mut rasterizer = device::rasterizer(self.common.device)?;
+        let arguments = self.arguments;
         let seeds = seeds(&self.arguments.seeds);
         // The weights are named by what is in them, wherever the folder lies.
         let named = sparsesplat::Config { head: Head::Default, ..config.clone() };
         let key = Key {
             program: crate::recipe(0, ()).git,
             weights,
-            scenes: set.of.clone(),
+            scenes: set.description.clone(),
             config: serde_json::to_string(&named).or_work()?,
             seeds: seeds.clone(),
-            lpips: self.lpips.map(|lpips| lpips.network().name().to_owned()),
+            files: arguments
+                .data
+                .source
+                .files()
+                .chain(arguments.lpips.paths())
+                .map(hash)
+                .collect::<Outcome<_>>()?,
+            device: rasterizer.adapter().map(|adapter| adapter.name.clone()),
         };
-        if let Some(kept) = read(file).filter(|kept| kept.key == key) {
+        let is_known = key.program != UNKNOWN;
+        if let Some(kept) = read(file).filter(|kept| is_known && kept.key == key) {
             return Ok(kept);
         }
         let cache = Some(GeometryCache { folder: self.arguments.data.cache.clone() });
         let method = Method { cache, ..Method::feed_forward(config) };
         let runner = Runner::on(method, device::of_networks(self.common.device)).map_err(Failure::sorted)?;
-        let mut rasterizer = device::rasterizer(self.common.device)?;
         let progress = Progress::new(set.plans.len() * seeds.len());
         let mut running = String::new();
         let found =
@@ -130,10 +146,20 @@ impl Measure<'_> {
         if found.dropped.is_empty() {
             output::write_json(file, &scores)?;
         }
-        dropped.extend(found.dropped);
+        let of = match head {
+            Head::ClosedForm => "closed form",
+            _ => "trained head",
+        };
+        dropped.extend(found.dropped.into_iter().map(|lost| {
+            let name = format!("{} of {row}, {of}", lost.name);
+            Dropped { name, ..lost }
+        }));
         Ok(scores)
     }
 }
+
+/// What the recipe says of a program that was built outside a checkout.
+const UNKNOWN: &str = "unknown";
 
 /// What is in a file of figures; none if it is not there or is of another version.
 fn read(file: &Path) -> Option<Scores> {

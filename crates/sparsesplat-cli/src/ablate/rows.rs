@@ -11,7 +11,7 @@ use train::Config;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum What {
-    /// Choice of pixels: entropy, random, Laplacian, as many per cell; drawn evenly or independently
+    /// Choice of pixels: entropy, random, Laplacian, as many per cell of 2x2 (even); drawn evenly or independently
     Sampling,
     /// Number of neighbours: 0, 5, 10, 20, 30; by distance, by co-visibility, or half of each
     Neighbours,
@@ -27,15 +27,23 @@ pub(super) struct Row {
 }
 
 impl What {
-    /// All rows, that with which the others are compared first.
+    /// All rows; the reference row is first. Each sets all that its ablation varies, whatever the settings of the training say.
     fn rows(self) -> Vec<Row> {
         let row = |name, paper, vary| Row { name, vary, paper };
         match self {
             Self::Sampling => vec![
-                row("entropy", Some([22.36, 0.718, 0.262]), |c| c.allocation = Allocation::Entropy),
-                row("random", Some([21.50, 0.696, 0.288]), |c| c.allocation = Allocation::Random),
-                row("laplacian", Some([21.95, 0.705, 0.267]), |c| c.allocation = Allocation::Laplacian),
-                row("even", None, |c| c.allocation = Allocation::Even),
+                row("entropy", Some([22.36, 0.718, 0.262]), |c| {
+                    (c.allocation, c.sampler) = (Allocation::Entropy, Sampler::Fixed);
+                }),
+                row("random", Some([21.50, 0.696, 0.288]), |c| {
+                    (c.allocation, c.sampler) = (Allocation::Random, Sampler::Fixed);
+                }),
+                row("laplacian", Some([21.95, 0.705, 0.267]), |c| {
+                    (c.allocation, c.sampler) = (Allocation::Laplacian, Sampler::Fixed);
+                }),
+                row("even", None, |c| {
+                    (c.allocation, c.sampler) = (Allocation::Random, Sampler::Systematic);
+                }),
                 row("entropy-independent", None, |c| {
                     (c.allocation, c.sampler) = (Allocation::Entropy, Sampler::Bernoulli);
                 }),
@@ -44,11 +52,11 @@ impl What {
                 }),
             ],
             Self::Neighbours => vec![
-                row("K=20", Some([22.36, 0.718, 0.262]), |c| c.neighbours = 20),
-                row("K=0", Some([21.53, 0.683, 0.291]), |c| c.neighbours = 0),
-                row("K=5", Some([22.23, 0.713, 0.267]), |c| c.neighbours = 5),
-                row("K=10", Some([22.34, 0.717, 0.264]), |c| c.neighbours = 10),
-                row("K=30", Some([22.38, 0.718, 0.261]), |c| c.neighbours = 30),
+                row("K=20", Some([22.36, 0.718, 0.262]), |c| (c.neighbours, c.covisible) = (20, 0)),
+                row("K=0", Some([21.53, 0.683, 0.291]), |c| (c.neighbours, c.covisible) = (0, 0)),
+                row("K=5", Some([22.23, 0.713, 0.267]), |c| (c.neighbours, c.covisible) = (5, 0)),
+                row("K=10", Some([22.34, 0.717, 0.264]), |c| (c.neighbours, c.covisible) = (10, 0)),
+                row("K=30", Some([22.38, 0.718, 0.261]), |c| (c.neighbours, c.covisible) = (30, 0)),
                 row("covisible", None, |c| (c.neighbours, c.covisible) = (20, 20)),
                 row("mixed", None, |c| (c.neighbours, c.covisible) = (20, 10)),
             ],
@@ -124,9 +132,12 @@ mod tests {
             assert_eq!(names.len(), all.len(), "{what:?}");
             rows += all.len();
             folders.extend(all.iter().map(|row| {
-                let mut config = Config::default();
+                // Whatever the settings are, an ablation's rows differ from each other.
+                let mut config = Config { sampler: Sampler::Bernoulli, covisible: 3, ..Config::default() };
                 (row.vary)(&mut config);
                 config.check().unwrap();
+                let mut config = Config::default();
+                (row.vary)(&mut config);
                 folder_of(&config)
             }));
         }

@@ -255,9 +255,9 @@ fn shards_of_an_ablation_share_out_its_rows_and_the_whole_table_comes_of_them() 
         words.extend(["--parametrisation", "paper"]);
         call(&[&words[..], more].concat())
     };
-    for wrong in ["2/2", "1", "a/b", "0/0"] {
+    for wrong in ["2/2", "1", "a/b", "0/0", "+0/2"] {
         let Called { code, stderr, .. } = ablate(&["--shard", wrong]);
-        assert!(code == Some(2) && stderr.contains("I/N"), "{wrong}: {stderr}");
+        assert!(code == Some(2) && stderr.contains("--shard"), "{wrong}: {stderr}");
     }
     ablate(&["--shard", "0/2"]).succeeded();
     let names = |record: &serde_json::Value| -> Vec<String> {
@@ -265,11 +265,12 @@ fn shards_of_an_ablation_share_out_its_rows_and_the_whole_table_comes_of_them() 
         rows.iter().map(|row| row["row"].as_str().unwrap().to_owned()).collect()
     };
     assert_eq!(names(&read_json(&json)), ["K=20", "mixed"]);
-    ablate(&["--shard", "1/2"]).succeeded();
+    let Called { stdout, .. } = ablate(&["--shard", "1/2"]).succeeded();
     assert_eq!(names(&read_json(&json)), ["covisible"]);
-    let Called { stdout, .. } = ablate(&[]).succeeded();
+    assert!(stdout.contains("compared   nothing: the row K=20"), "{stdout}");
+    let Called { stdout, .. } = ablate(&["--training-seeds", "0,1"]).succeeded();
     let record = read_json(&json);
-    assert_eq!(names(&record), ["K=20", "covisible", "mixed"]);
+    assert_eq!(names(&record), ["K=20", "covisible", "mixed", "K=20", "covisible", "mixed"]);
     let compared = record["compared"].as_array().unwrap();
     assert_eq!(compared.len(), 2);
     for one in compared {
@@ -278,8 +279,9 @@ fn shards_of_an_ablation_share_out_its_rows_and_the_whole_table_comes_of_them() 
             "{one}"
         );
         assert!(one["interval"].is_number() && one["claim_of_paper"] == "-", "{one}");
+        assert_eq!(one["by_training_seed"].as_object().unwrap().len(), 2, "{one}");
     }
-    assert!(stdout.contains("can they be told apart"), "{stdout}");
+    assert!(stdout.contains("can be told apart"), "{stdout}");
     for (name, covisible) in [("k20", 0), ("k20-covisible20", 20), ("k20-covisible10", 10)] {
         let weights = output.join(format!("attention-entropy-{name}-paper-seed0/weights.safetensors"));
         let weights = attn_head::Weights::read(&weights).unwrap();

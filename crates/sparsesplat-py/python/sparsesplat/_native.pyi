@@ -89,7 +89,7 @@ def reconstruct(
     backbone: Literal["plane-sweep", "given-depth"] = "plane-sweep",
     depth_planes: Optional[int] = None,
     depth_range: Union[None, Literal["hint"], Tuple[float, float]] = None,
-    allocation: Literal["entropy", "laplacian", "random", "even", "pixel-aligned", "merged", "voxel-aligned"] = "entropy",
+    allocation: Literal["entropy", "laplacian", "random", "pixel-aligned", "merged", "voxel-aligned"] = "entropy",
     sampler: Literal["fixed", "bernoulli", "systematic"] = "fixed",
     head: Literal["default", "closed-form"] = "default",
     weights: Union[None, str, PathLike[str]] = None,

@@ -140,7 +140,7 @@ mod tests {
     fn allocated(views: &[View], allocation: Allocation, gaussians: usize) -> Anchored {
         let config = config(allocation, gaussians);
         let geometry = geometry(views, &config, &Networks::default(), Wanted::Depth).unwrap();
-        anchor(views, &geometry, &config, &mut Stages::new(&mut |_| {})).unwrap()
+        anchor(views, &geometry, &config, 0, &mut Stages::new(&mut |_| {})).unwrap()
     }
 
     /// The views with other pictures.

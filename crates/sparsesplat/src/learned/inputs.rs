@@ -50,7 +50,7 @@ pub struct HeadInputs {
     pub geometry: Vec<f32>,
     /// v, `[n, channels + 3]`.
     pub image: Vec<f32>,
-    /// Neighbours, `[n, k]`.
+    /// Neighbours, `[n, k]`: the nearest in space first; of weights trained with co-visible neighbours those come first.
     pub neighbours: Vec<u32>,
     /// Where they lie: the anchor's camera's axes, units of its spacing.
     pub relative: Vec<[f32; 3]>,

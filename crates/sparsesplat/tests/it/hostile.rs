@@ -3,11 +3,10 @@ use gs_scene::{Camera, DepthMap, Gaussians, LOG_SCALE, View};
 use scene_sim::{Traced, demo_scene, lens};
 use sparsesplat::{Allocation, Backbone, Budget, Config, DepthRange, Error};
 
-const ALL: [Allocation; 7] = [
+const ALL: [Allocation; 6] = [
     Allocation::Entropy,
     Allocation::Laplacian,
     Allocation::Random,
-    Allocation::Even,
     Allocation::PixelAligned,
     Allocation::Merged,
     Allocation::VoxelAligned,

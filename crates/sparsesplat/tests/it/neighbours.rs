@@ -3,11 +3,11 @@ use depth_backbone::Wanted;
 use sparsesplat::{Anchored, Config, Predictor, Stages, anchor};
 
 /// The anchors of a configuration, and their neighbours as the head gets them.
-fn gathered(config: &Config) -> (Anchored, Vec<Vec<u32>>) {
+fn gathered(config: &Config, covisible: usize) -> (Anchored, Vec<Vec<u32>>) {
     let views = &COURTYARD.0;
     let geometry =
         Predictor::new(config.clone()).unwrap().geometry_with(views, Wanted::DepthAndFeatures).unwrap();
-    let anchored = anchor(views, &geometry, config, &mut Stages::new(&mut |_| {})).unwrap();
+    let anchored = anchor(views, &geometry, config, covisible, &mut Stages::new(&mut |_| {})).unwrap();
     let inputs = anchored.inputs(&geometry.views, &[]);
     let rows = inputs.neighbours.chunks_exact(inputs.k).map(<[u32]>::to_vec).collect();
     (anchored, rows)
@@ -16,8 +16,8 @@ fn gathered(config: &Config) -> (Anchored, Vec<Vec<u32>>) {
 #[test]
 fn of_the_neighbours_so_many_are_what_other_views_see() {
     let config = Config { neighbours: 12, ..given_depth(1_500) };
-    let (nearest, by_distance) = gathered(&config);
-    let [mixed, all] = [5, 12].map(|covisible| gathered(&Config { covisible, ..config.clone() }));
+    let (nearest, by_distance) = gathered(&config, 0);
+    let [mixed, all] = [5, 12].map(|covisible| gathered(&config, covisible));
     for (anchored, rows) in [&mixed, &all] {
         // The closed form goes by distance, whatever the head looks at.
         assert!(anchored.base == nearest.base && rows.len() == by_distance.len());
