@@ -234,7 +234,7 @@ mod tests {
     fn a_head_sees_it_after_all_else() {
         let config = config(Allocation::Entropy, 400);
         let geometry = geometry(&COURTYARD, &config, &Networks::default(), Wanted::Depth).unwrap();
-        let anchored = anchor(&COURTYARD, &geometry, &config, &mut Stages::new(&mut |_| {})).unwrap();
+        let anchored = anchor(&COURTYARD, &geometry, &config, 0, &mut Stages::new(&mut |_| {})).unwrap();
         assert!(anchored.feedback(false).unwrap().is_empty());
         let feedback = anchored.feedback(true).unwrap();
         let [without, with] = [&[][..], &feedback].map(|feedback| anchored.inputs(&geometry.views, feedback));
