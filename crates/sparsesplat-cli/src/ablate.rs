@@ -17,7 +17,7 @@ use compare::{ByWindow, Difference, Verdict, difference};
 use evaluate::{Recipe, Spread};
 use measure::{Measure, Scores, Set};
 use report_parts::{Table, lpips_column, number};
-use rows::{Row, What, folder_of};
+use rows::{FAILED_IN_PAPER, Row, What, folder_of};
 use scene_windows::{Dropped, Plan, Reading, Windows, file_sha256, sha256_of};
 use serde::Serialize;
 use sparsesplat::learned::Parametrisation;
@@ -400,8 +400,9 @@ fn table(rows: &[Measured], lpips_network: Option<&str>) -> Table {
     ];
     let mut table = Table::new(&head, 3);
     for row in rows {
-        let or_fail = |value: Option<f64>, digits: usize| {
-            value.map_or_else(|| "fail".to_owned(), |value| format!("{value:.digits$}"))
+        let none = if row.row == FAILED_IN_PAPER { "fail" } else { "-" };
+        let of_paper = |value: Option<f64>, digits: usize| {
+            value.map_or_else(|| none.to_owned(), |value| format!("{value:.digits$}"))
         };
         table.push(vec![
             row.row.to_owned(),
@@ -413,9 +414,9 @@ fn table(rows: &[Measured], lpips_network: Option<&str>) -> Table {
             number(row.lpips_held_out.unwrap_or(f64::NAN), 3),
             number(row.psnr_closed_form, 2),
             row.steps_skipped.to_string(),
-            or_fail(row.psnr_paper, 2),
-            or_fail(row.ssim_paper, 3),
-            or_fail(row.lpips_paper, 3),
+            of_paper(row.psnr_paper, 2),
+            of_paper(row.ssim_paper, 3),
+            of_paper(row.lpips_paper, 3),
         ]);
     }
     table

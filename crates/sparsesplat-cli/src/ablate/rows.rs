@@ -19,6 +19,9 @@ pub(crate) enum What {
     Head,
 }
 
+/// The row whose training failed in the paper.
+pub(super) const FAILED_IN_PAPER: &str = "max-pool";
+
 /// A row: its name, how it differs, and the paper's PSNR, SSIM and LPIPS (none where it has no such row or its training failed).
 pub(super) struct Row {
     pub(super) name: &'static str,
@@ -64,7 +67,7 @@ impl What {
                 row("attention", Some([22.36, 0.718, 0.263]), |c| c.head = Kind::Attention),
                 row("edge-conv", Some([20.78, 0.664, 0.329]), |c| c.head = Kind::EdgeConv),
                 row("mlp", Some([21.47, 0.683, 0.299]), |c| c.head = Kind::Mlp),
-                row("max-pool", None, |c| c.head = Kind::MaxPool),
+                row(FAILED_IN_PAPER, None, |c| c.head = Kind::MaxPool),
             ],
         }
     }
