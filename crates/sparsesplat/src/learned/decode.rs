@@ -10,7 +10,7 @@
 //! | 35..38 | the mean is moved, in the camera's axes and in units of the anchor's spacing | 2 |
 //!
 //! With [`Parametrisation::Paper`](super::Parametrisation::Paper) the changes are those of a grey ball instead, the same for all anchors
-//! ([`Decoder::of_nothing`]), and no mean is subtracted: the head gives all attributes itself.
+//! ([`Decoder::of_grey_balls`]), and no mean is subtracted: the head gives all attributes itself.
 //!
 //! The paper states 38 outputs, but lists 1 + 3 + 4 + 27 = 35; it does not name the other three. An output x changes its attribute by b·tanh(x / b), with
 //! b the bound: the slope is 1 at the start of training, and the change is finite for any output.
@@ -136,7 +136,7 @@ impl Decoder {
     /// # Panics
     /// If lengths differ or a view does not exist.
     #[must_use]
-    pub fn of_nothing(
+    pub fn of_grey_balls(
         positions: &[[f64; 3]],
         spacing: Vec<f32>,
         views: Vec<u32>,
@@ -344,19 +344,19 @@ mod tests {
         assert!(decoded.sh()[3..27].iter().all(|&c| c == 0.0));
     }
 
-    /// A decoder about nothing, of the same anchors.
-    fn of_nothing(turn: f64) -> Decoder {
+    /// A decoder about grey balls, of the same anchors.
+    fn grey_balls(turn: f64) -> Decoder {
         let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0, width: 8, height: 6 };
         let rotations = [DMat3::from_rotation_y(0.3), DMat3::from_rotation_x(turn)];
         let cameras =
             rotations.map(|rotation| Camera::new(lens, rotation, DVec3::new(0.3, -0.2, 4.0)).unwrap());
         let positions = [[1.0, -2.0, 3.0], [0.0; 3], [0.5, 0.2, -1.0]];
-        Decoder::of_nothing(&positions, vec![0.05, 2.0, 0.0], vec![1, 0, 1], &cameras)
+        Decoder::of_grey_balls(&positions, vec![0.05, 2.0, 0.0], vec![1, 0, 1], &cameras)
     }
 
     #[test]
-    fn about_nothing_all_anchors_are_alike_and_outputs_say_the_rest() {
-        let decoder = of_nothing(1.0);
+    fn about_grey_balls_all_anchors_are_alike_and_outputs_say_the_rest() {
+        let decoder = grey_balls(1.0);
         let decoded = decoder.decode(&[0.0; N * OUTPUTS]);
         assert!(decoded.sh().iter().chain(decoded.geometry()).all(|v| v.is_finite()));
         assert!(decoded.sh().iter().all(|&c| c == 0.0), "grey");
@@ -428,7 +428,7 @@ mod tests {
             weights in prop::collection::vec(-1.0f32..1.0, N * 38),
             turn in -3.0f64..3.0, at in 0usize..N * OUTPUTS, nothing: bool,
         ) {
-            let decoder = if nothing { of_nothing(turn) } else { decoder([0.8, 0.0, -0.6, 0.0], turn) };
+            let decoder = if nothing { grey_balls(turn) } else { decoder([0.8, 0.0, -0.6, 0.0], turn) };
             let loss = |outputs: &[f32]| -> f64 {
                 let decoded = decoder.decode(outputs);
                 let values = decoded.geometry().iter().chain(decoded.sh());

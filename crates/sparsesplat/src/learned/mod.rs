@@ -40,7 +40,9 @@ impl Anchored {
         let (spacing, views) = (self.spacing.clone(), self.anchors.views.clone());
         match parametrisation {
             Parametrisation::Correction => Decoder::new(self.base.clone(), spacing, views, &cameras),
-            Parametrisation::Paper => Decoder::of_nothing(&self.anchors.positions, spacing, views, &cameras),
+            Parametrisation::Paper => {
+                Decoder::of_grey_balls(&self.anchors.positions, spacing, views, &cameras)
+            }
         }
     }
 }
