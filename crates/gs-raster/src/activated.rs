@@ -25,8 +25,8 @@ const OPACITIES: (f32, f32) = (f32::MIN_POSITIVE, 1.0 - f32::EPSILON / 2.0);
 /// N Gaussians as arrays of activated numbers, row-major, borrowed from whoever holds them.
 ///
 /// [`Rasterizer::render_activated`](crate::Rasterizer::render_activated) and
-/// [`Rasterizer::record_activated`](crate::Rasterizer::record_activated) read them in place. Their pictures and gradients equal those of
-/// [`Activated::store`] to the bit.
+/// [`Rasterizer::record_activated`](crate::Rasterizer::record_activated) read them in place on the CPU, and take no logarithm. A GPU gets
+/// them by [`Activated::store`], which rounds logarithms and logits: scales and opacities then have a relative error of at most 1e-6.
 #[derive(Debug, Clone, Copy)]
 pub struct Activated<'a> {
     /// `[N, 3]`, scene units.

@@ -32,7 +32,7 @@ pub(crate) use sums::Sums;
 pub(crate) enum Source<'a> {
     /// As they are stored.
     Stored(&'a Gaussians),
-    /// Activated, and stored block by block as they are read.
+    /// Activated.
     Activated(&'a Activated<'a>),
 }
 
@@ -43,6 +43,10 @@ impl<'a> Source<'a> {
             Self::Stored(gaussians) => gaussians.len(),
             Self::Activated(gaussians) => gaussians.len(),
         }
+    }
+
+    pub(crate) fn is_activated(self) -> bool {
+        matches!(self, Self::Activated(_))
     }
 
     /// SH degree of what is stored.
@@ -174,7 +178,7 @@ fn draw(
     let mut seconds = StageSeconds::default();
 
     let start = Instant::now();
-    frame.splats.project(source, camera, settings, (grid, record), isa)?;
+    frame.splats.project(source, camera, settings, grid, isa)?;
     seconds.project = start.elapsed().as_secs_f64();
 
     let start = Instant::now();

@@ -131,6 +131,7 @@ impl Gradients {
             colors[..used].copy_from_slice(sh);
         }
         found.chain(gaussians);
+        found.chain_colors(kind);
         ActivatedGradients { background: self.background, cameras: self.cameras, ..found }
     }
 }
@@ -149,20 +150,24 @@ impl ActivatedGradients {
         cameras.clear();
     }
 
-    /// Where the CPU adds the gradients by what is stored of Gaussians, before [`ActivatedGradients::chain`].
+    /// Where the CPU adds the gradients by Gaussians, before [`ActivatedGradients::chain_colors`].
     pub(crate) fn sums(&mut self, kind: Colors) -> Sums<'_> {
         let Self { means, quats, scales, opacities, colors, .. } = self;
-        Sums::Activated { means, quats, log_scales: scales, logits: opacities, colors, color_row: kind.row() }
+        Sums::Activated { means, quats, scales, opacities, colors, color_row: kind.row() }
     }
 
-    /// The chain rule, in place. With a loss L: ∂L/∂scale = ∂L/∂(ln scale) / scale, ∂L/∂opacity = ∂L/∂logit / (o (1 - o)),
-    /// ∂L/∂rgb = ∂L/∂dc / Y₀.
-    pub(crate) fn chain(&mut self, gaussians: &Activated<'_>) {
+    /// The chain rule for scales and opacities, in place. With a loss L: ∂L/∂scale = ∂L/∂(ln scale) / scale,
+    /// ∂L/∂opacity = ∂L/∂logit / (o (1 - o)).
+    fn chain(&mut self, gaussians: &Activated<'_>) {
         let isa = Isa::in_use();
         let scales = self.scales.par_chunks_mut(CHUNK * 3).zip(gaussians.scales.par_chunks(CHUNK * 3));
         let opacities = self.opacities.par_chunks_mut(CHUNK).zip(gaussians.opacities.par_chunks(CHUNK));
         scales.zip(opacities).for_each(|(scales, opacities)| compiled_for!(isa, chain(scales, opacities)));
-        if gaussians.kind == Colors::Rgb {
+    }
+
+    /// The chain rule for colours, in place: ∂L/∂rgb = ∂L/∂dc / Y₀.
+    pub(crate) fn chain_colors(&mut self, kind: Colors) {
+        if kind == Colors::Rgb {
             let divide = |chunk: &mut [f32]| chunk.iter_mut().for_each(|gradient| *gradient /= SH_C0);
             self.colors.par_chunks_mut(CHUNK * 3).for_each(divide);
         }

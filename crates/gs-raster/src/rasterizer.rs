@@ -141,8 +141,8 @@ impl Rasterizer {
         self.render_source(Source::Stored(gaussians), cameras, settings)
     }
 
-    /// As [`Rasterizer::render_views`], of activated Gaussians, with the same bytes as a result. The CPU reads the arrays in place; a
-    /// GPU gets them as they are stored.
+    /// As [`Rasterizer::render_views`], of activated Gaussians. The CPU reads the arrays in place; a GPU gets them as they are stored, and so
+    /// does the CPU for [`Style::Ellipsoids`](crate::Style::Ellipsoids).
     ///
     /// # Errors
     /// As [`Rasterizer::render`] and [`Activated::store`]: where a stored Gaussian would be counted as rejected because a number is not
@@ -230,7 +230,7 @@ impl Rasterizer {
         let tape = Tape {
             n_gaussians: source.len(),
             sh_degree: source.sh_degree(),
-            is_activated: matches!(source, Source::Activated(_)),
+            is_activated: source.is_activated(),
             cameras: cameras.to_vec(),
             settings: *settings,
             views,
@@ -270,8 +270,8 @@ impl Rasterizer {
         self.differentiate(gaussians, tape, pixels, None, found).map(drop)
     }
 
-    /// As [`Rasterizer::backward`], by the arrays of activated Gaussians that were recorded; these must hold the same numbers still. Equals
-    /// [`Gradients::activated`] of the gradients by what is stored, to the bit.
+    /// As [`Rasterizer::backward`], by the arrays of activated Gaussians that were recorded; these must hold the same numbers still. On a
+    /// GPU they are [`Gradients::activated`] of the gradients by what is stored.
     ///
     /// # Errors
     /// As [`Rasterizer::backward`]; if the lengths of the arrays do not fit each other, or stored Gaussians were recorded.
@@ -309,7 +309,7 @@ impl Rasterizer {
                 let by_views =
                     tape.differentiate(source, views, pixels, (found.sums(gaussians.kind), None), scratch);
                 (found.background, found.cameras) = by_views;
-                found.chain(gaussians);
+                found.chain_colors(gaussians.kind);
             }
             #[cfg(feature = "gpu")]
             (Backend::Gpu(gpu), Views::Gpu(views)) => {

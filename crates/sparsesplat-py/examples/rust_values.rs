@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let predicted = outcome.prediction.gaussians;
     write_ply(&folder.join("predicted.ply"), &predicted)?;
 
-    // The same scene with every coefficient of degree 2 in use, as arrays of activated numbers, and stored again.
+    // The same scene with every coefficient of degree 2 in use, as arrays of activated numbers.
     let lifted = lift(&predicted)?;
     let row = Gaussians::GEOMETRY;
     let columns = |geometry: &[f32], from: usize, to: usize| -> Vec<f32> {
@@ -50,13 +50,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         colors: lifted.sh(),
         kind,
     };
-    let stored = arrays.store()?;
 
     // Pictures and gradients.
     let cameras: Vec<_> = window.targets[..2].iter().map(|view| *view.camera()).collect();
     let settings = RenderSettings { depth: true, background: [0.1, 0.2, 0.3], ..RenderSettings::default() };
     let mut rasterizer = Rasterizer::cpu();
-    let (views, tape) = rasterizer.record(&stored, &cameras, &settings)?;
+    let (views, tape) = rasterizer.record_activated(&arrays, &cameras, &settings)?;
     let pixels = SIZE.0 * SIZE.1;
     let weight = |place: usize| ((place * 7 % 11) as f32 - 5.0) / 5.0;
     let weights =
@@ -68,22 +67,19 @@ fn main() -> Result<(), Box<dyn Error>> {
             depth: Some(weights(view, 1)),
         })
         .collect();
-    let found = rasterizer.backward(&stored, &tape, &gradients)?;
+    let by = rasterizer.backward_activated(&arrays, &tape, &gradients)?;
     let join = |plane: &dyn Fn(&gs_raster::Rendering) -> Vec<f32>| -> Vec<f32> {
         views.iter().flat_map(plane).collect()
     };
     write(folder, "image", &join(&|view| view.image.data().to_vec()))?;
     write(folder, "alpha", &join(&|view| view.alpha.clone()))?;
     write(folder, "depth", &join(&|view| view.depth.clone().unwrap_or_default()))?;
-    let poses = found.cameras.clone();
-    let by_background = found.background;
-    let by = found.activated(&arrays);
     write(folder, "by_means", &by.means)?;
     write(folder, "by_quats", &by.quats)?;
     write(folder, "by_scales", &by.scales)?;
     write(folder, "by_opacities", &by.opacities)?;
     write(folder, "by_sh", &by.colors)?;
-    let background: Vec<f32> = by_background.iter().map(|&number| number as f32).collect();
+    let background: Vec<f32> = by.background.iter().map(|&number| number as f32).collect();
     write(folder, "by_background", &background)?;
 
     // A picture of the stored scene as the commands draw it, and of colours instead of SH.
@@ -96,12 +92,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         predicted.sh().chunks_exact(predicted.sh().len() / predicted.len()).flat_map(|sh| &sh[..3]);
     let rgb: Vec<f32> = constant.map(|dc| 0.5 + SH_C0 * dc).collect();
     write(folder, "rgb", &rgb)?;
-    let coloured = Activated { colors: &rgb, kind: Colors::Rgb, ..arrays }.store()?;
-    write(
-        folder,
-        "rgb_image",
-        rasterizer.render(&coloured, &camera, &RenderSettings::default())?.image.data(),
-    )?;
+    let coloured = Activated { colors: &rgb, kind: Colors::Rgb, ..arrays };
+    let views = rasterizer.render_activated(&coloured, &[camera], &RenderSettings::default())?;
+    write(folder, "rgb_image", views[0].image.data())?;
 
     // Metrics.
     let points: Vec<[f32; 3]> = means.as_chunks().0.to_vec();
@@ -111,7 +104,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let bits =
         entropy_sampler::entropy(&a.luma8(), SIZE.0, SIZE.1, entropy_sampler::EntropyWindow::default())?;
     write(folder, "entropy", &bits)?;
-    let poses: Vec<Vec<f64>> = poses
+    let poses: Vec<Vec<f64>> = by
+        .cameras
         .iter()
         .map(|pose| {
             (0..3)

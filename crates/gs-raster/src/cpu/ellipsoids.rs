@@ -1,6 +1,6 @@
 //! Gaussians as solid ellipsoids: no order and no blending, each pixel keeps the nearest front.
 
-use super::footprint::{Columns, Footprint, View};
+use super::footprint::{BLOCK, Columns, Footprint, View};
 use super::{Grid, TILE, sh};
 use crate::StageSeconds;
 use crate::settings::{ELLIPSOID_AMBIENT, INTERSECTIONS_MAX};
@@ -102,37 +102,42 @@ pub(super) fn render(
 /// The ellipsoids of some Gaussians that are in the picture, and how many were rejected.
 fn project(view: &View, degree: usize, geometry: &[f32], sh: &[f32]) -> (Vec<Ellipsoid>, usize) {
     let (mut ellipsoids, mut rejected) = (Vec::new(), 0);
-    let mut stored = Columns::new();
-    let rows = geometry.chunks_exact(Gaussians::GEOMETRY).zip(sh.chunks_exact(sh_coefficients(degree) * 3));
-    for (row, sh) in rows {
-        stored.set(0, row);
-        if !stored.is_finite(0) {
-            rejected += 1;
-            continue;
+    let mut columns = Columns::new(false);
+    let sh_row = sh_coefficients(degree) * 3;
+    for (rows, sh) in geometry.chunks(BLOCK * Gaussians::GEOMETRY).zip(sh.chunks(BLOCK * sh_row)) {
+        for (place, row) in rows.chunks_exact(Gaussians::GEOMETRY).enumerate() {
+            columns.set(place, row);
         }
-        let footprint = Footprint::new(view, &stored, 0);
-        if !(footprint.mean.z > view.near && footprint.mean.z < view.far) {
-            continue;
-        }
-        if footprint.norm == 0.0 || footprint.stored_scale.max_element() > f64::from(f32::MAX) {
-            rejected += 1;
-            continue;
-        }
-        if footprint.opacity * footprint.compensation < f64::from(ELLIPSOID_OPACITY_MIN) {
-            continue;
-        }
-        let mut ellipsoid = Ellipsoid::new(view, &footprint);
-        let outside = |axis: usize| view.is_outside(axis, ellipsoid.mean[axis], ellipsoid.extent[axis]);
-        if outside(0) || outside(1) {
-            continue;
-        }
-        let direction = (stored.mean(0) - view.position).normalize().as_vec3().to_array();
-        ellipsoid.rgb = colour(degree, direction, sh);
-        if ellipsoid.is_finite() {
-            ellipsoid.rgb = ellipsoid.rgb.map(|channel| channel.max(0.0));
-            ellipsoids.push(ellipsoid);
-        } else {
-            rejected += 1;
+        let activations = columns.activate();
+        for (place, sh) in sh.chunks_exact(sh_row).enumerate() {
+            if !columns.is_finite(place) {
+                rejected += 1;
+                continue;
+            }
+            let footprint = Footprint::new(view, &columns, &activations, place);
+            if !(footprint.mean.z > view.near && footprint.mean.z < view.far) {
+                continue;
+            }
+            if footprint.norm == 0.0 || footprint.given_scale.max_element() > f64::from(f32::MAX) {
+                rejected += 1;
+                continue;
+            }
+            if footprint.opacity * footprint.compensation < f64::from(ELLIPSOID_OPACITY_MIN) {
+                continue;
+            }
+            let mut ellipsoid = Ellipsoid::new(view, &footprint);
+            let outside = |axis: usize| view.is_outside(axis, ellipsoid.mean[axis], ellipsoid.extent[axis]);
+            if outside(0) || outside(1) {
+                continue;
+            }
+            let direction = (columns.mean(place) - view.position).normalize().as_vec3().to_array();
+            ellipsoid.rgb = colour(degree, direction, sh);
+            if ellipsoid.is_finite() {
+                ellipsoid.rgb = ellipsoid.rgb.map(|channel| channel.max(0.0));
+                ellipsoids.push(ellipsoid);
+            } else {
+                rejected += 1;
+            }
         }
     }
     (ellipsoids, rejected)

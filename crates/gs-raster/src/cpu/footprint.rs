@@ -5,8 +5,8 @@
 //! number, possibly NaN.
 
 use super::math;
-use super::project::Logs;
-use crate::{Activated, RenderSettings, SLOPE_MARGIN, activated};
+use crate::activated::inside;
+use crate::{Activated, RenderSettings, SLOPE_MARGIN};
 use glam::{DMat3, DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 use std::f64::consts::LOG2_E;
@@ -95,71 +95,56 @@ impl View {
     }
 }
 
-/// The stored geometry of some Gaussians, column by column.
+/// The geometry of some Gaussians, column by column, as their source holds it: scales and opacity, or their logarithms and logit.
 #[derive(Clone, Copy)]
-pub(super) struct Columns([[f32; BLOCK]; Gaussians::GEOMETRY]);
+pub(super) struct Columns {
+    numbers: [[f32; BLOCK]; Gaussians::GEOMETRY],
+    /// Whether they are scales and opacity.
+    pub(super) is_activated: bool,
+}
+
+/// Scales and opacities of the Gaussians of [`Columns`].
+pub(super) struct Activations {
+    /// Standard deviations along the three axes, scene units.
+    scales: [[f64; BLOCK]; 3],
+    opacities: [f64; BLOCK],
+    /// The derivative of the logarithm of the opacity by the number that the source holds.
+    by_number: [f64; BLOCK],
+}
 
 impl Columns {
-    pub(super) fn new() -> Self {
-        Self([[0.0; BLOCK]; Gaussians::GEOMETRY])
+    pub(super) fn new(is_activated: bool) -> Self {
+        Self { numbers: [[0.0; BLOCK]; Gaussians::GEOMETRY], is_activated }
     }
 
     /// Puts a row of stored geometry at `place`.
     #[inline(always)]
     pub(super) fn set(&mut self, place: usize, row: &[f32]) {
         let row: &[f32; Gaussians::GEOMETRY] = row.try_into().expect("a row of geometry");
-        for (column, value) in self.0.iter_mut().zip(row) {
-            column[place] = *value;
-        }
+        self.set_numbers(place, row.iter());
     }
 
-    /// Puts activated Gaussians, at most [`BLOCK`], at the first places.
+    /// Puts an activated Gaussian at `place`.
     #[inline(always)]
-    pub(super) fn store(&mut self, gaussians: &Activated<'_>) {
-        let Activated { means, quats, scales, opacities, .. } = gaussians;
-        let rows =
-            means.chunks_exact(3).zip(quats.chunks_exact(4)).zip(scales.chunks_exact(3).zip(*opacities));
-        for (place, ((mean, quat), (scale, opacity))) in rows.enumerate() {
-            self.set_numbers(place, mean.iter().chain(quat).chain(scale).chain([opacity]));
-        }
-        let (logs, logits) = self.0[LOG_SCALE.start..].split_at_mut(OPACITY_LOGIT - LOG_SCALE.start);
-        for column in logs {
-            column.iter_mut().for_each(|number| *number = activated::ln(*number));
-        }
-        logits[0].iter_mut().for_each(|number| *number = activated::logit(*number));
-    }
-
-    /// Puts an activated Gaussian at `place`, whose logarithms are known.
-    #[inline(always)]
-    pub(super) fn set_activated(
-        &mut self,
-        place: usize,
-        gaussians: &Activated<'_>,
-        gaussian: usize,
-        logs: &Logs,
-    ) {
+    pub(super) fn set_activated(&mut self, place: usize, gaussians: &Activated<'_>, gaussian: usize) {
         let mean = &gaussians.means[3 * gaussian..][..3];
         let quat = &gaussians.quats[4 * gaussian..][..4];
-        self.set_numbers(place, mean.iter().chain(quat).chain(logs));
+        let scale = &gaussians.scales[3 * gaussian..][..3];
+        let opacity = &gaussians.opacities[gaussian];
+        self.set_numbers(place, mean.iter().chain(quat).chain(scale).chain([opacity]));
     }
 
     #[inline(always)]
     fn set_numbers<'a>(&mut self, place: usize, numbers: impl Iterator<Item = &'a f32>) {
-        for (column, number) in self.0.iter_mut().zip(numbers) {
+        for (column, number) in self.numbers.iter_mut().zip(numbers) {
             column[place] = *number;
         }
-    }
-
-    /// What is stored in place of scales and opacity.
-    #[inline(always)]
-    pub(super) fn logs(&self, place: usize) -> Logs {
-        std::array::from_fn(|k| self.0[LOG_SCALE.start + k][place])
     }
 
     /// Moves a row to an earlier place.
     #[inline(always)]
     pub(super) fn copy(&mut self, from: usize, to: usize) {
-        for column in &mut self.0 {
+        for column in &mut self.numbers {
             column[to] = column[from];
         }
     }
@@ -168,7 +153,7 @@ impl Columns {
     #[inline(always)]
     pub(super) fn is_finite(&self, place: usize) -> bool {
         let mut zero = 0.0;
-        for column in &self.0 {
+        for column in &self.numbers {
             zero += column[place] * 0.0;
         }
         zero == 0.0
@@ -176,7 +161,7 @@ impl Columns {
 
     #[inline(always)]
     fn vector(&self, first: usize, place: usize) -> DVec3 {
-        let column = |k: usize| f64::from(self.0[first + k][place]);
+        let column = |k: usize| f64::from(self.numbers[first + k][place]);
         DVec3::new(column(0), column(1), column(2))
     }
 
@@ -186,19 +171,68 @@ impl Columns {
     }
 
     #[inline(always)]
-    pub(super) fn log_scale(&self, place: usize) -> DVec3 {
-        self.vector(LOG_SCALE.start, place)
-    }
-
-    #[inline(always)]
     pub(super) fn quaternion(&self, place: usize) -> DQuat {
-        let column = |k: usize| f64::from(self.0[QUATERNION.start + k][place]);
+        let column = |k: usize| f64::from(self.numbers[QUATERNION.start + k][place]);
         DQuat::from_xyzw(column(1), column(2), column(3), column(0))
     }
 
+    /// The largest scale of each Gaussian.
     #[inline(always)]
-    pub(super) fn logit(&self, place: usize) -> f64 {
-        f64::from(self.0[OPACITY_LOGIT][place])
+    pub(super) fn largest_scales(&self) -> [f64; BLOCK] {
+        let mut found = [0.0; BLOCK];
+        for (place, found) in found.iter_mut().enumerate() {
+            *found = self.vector(LOG_SCALE.start, place).max_element();
+        }
+        if !self.is_activated {
+            found.iter_mut().for_each(|number| *number = math::exp(*number));
+        }
+        found
+    }
+
+    /// Scales and opacities: exp of what is stored, and its sigmoid.
+    #[inline(always)]
+    pub(super) fn activate(&self) -> Activations {
+        let mut found =
+            Activations { scales: [[0.0; BLOCK]; 3], opacities: [0.0; BLOCK], by_number: [0.0; BLOCK] };
+        let Activations { scales, opacities, by_number } = &mut found;
+        let numbers = &self.numbers[OPACITY_LOGIT];
+        let columns = scales.iter_mut().zip(&self.numbers[LOG_SCALE]);
+        if self.is_activated {
+            columns.for_each(|(scales, numbers)| {
+                scales.iter_mut().zip(numbers).for_each(|(scale, number)| *scale = f64::from(*number));
+            });
+            for place in 0..BLOCK {
+                opacities[place] = inside(numbers[place]);
+                by_number[place] = opacities[place].recip();
+            }
+        } else {
+            columns.for_each(|(scales, numbers)| {
+                scales
+                    .iter_mut()
+                    .zip(numbers)
+                    .for_each(|(scale, number)| *scale = math::exp(f64::from(*number)));
+            });
+            for place in 0..BLOCK {
+                let e = math::exp(-f64::from(numbers[place]));
+                opacities[place] = (1.0 + e).recip();
+                // One less the opacity.
+                by_number[place] = e * opacities[place];
+            }
+        }
+        found
+    }
+}
+
+impl Activations {
+    #[inline(always)]
+    fn scale(&self, place: usize) -> DVec3 {
+        DVec3::new(self.scales[0][place], self.scales[1][place], self.scales[2][place])
+    }
+
+    /// The derivative of the logarithm of the opacity by the number that the source holds.
+    #[inline(always)]
+    pub(super) fn log_opacity_by_number(&self, place: usize) -> f64 {
+        self.by_number[place]
     }
 }
 
@@ -215,8 +249,8 @@ pub(super) struct Footprint {
     pub(super) quaternion: DQuat,
     /// Columns: the Gaussian's axes in the world.
     pub(super) axes: DMat3,
-    /// Standard deviations as stored and as drawn, see [`SIGMA_MAX`].
-    pub(super) stored_scale: DVec3,
+    /// Standard deviations as given and as drawn, see [`SIGMA_MAX`].
+    pub(super) given_scale: DVec3,
     pub(super) scale: DVec3,
     /// Rows of J · Rv, J the Jacobian of the projection: in the world's axes and in the Gaussian's.
     pub(super) jacobian: [DVec3; 2],
@@ -229,7 +263,7 @@ pub(super) struct Footprint {
     pub(super) a: f64,
     pub(super) b: f64,
     pub(super) c: f64,
-    /// Opacity as stored, and what compensates it for the low-pass filter.
+    /// Opacity as given, and what compensates it for the low-pass filter.
     pub(super) opacity: f64,
     pub(super) compensation: f64,
     /// Whether the compensation is that of the footprint, not the least one.
@@ -238,19 +272,18 @@ pub(super) struct Footprint {
 
 impl Footprint {
     #[inline(always)]
-    pub(super) fn new(view: &View, stored: &Columns, place: usize) -> Self {
-        let mean = view.rotation * stored.mean(place) + view.translation;
+    pub(super) fn new(view: &View, columns: &Columns, activations: &Activations, place: usize) -> Self {
+        let mean = view.rotation * columns.mean(place) + view.translation;
         let inverse_z = mean.z.recip();
         let slope = [mean.x * inverse_z, mean.y * inverse_z];
         let clamped = [view.clamp(0, slope[0]), view.clamp(1, slope[1])];
 
-        let quaternion = stored.quaternion(place);
+        let quaternion = columns.quaternion(place);
         let norm = quaternion.length();
         let quaternion = quaternion * norm.recip();
         let axes = DMat3::from_quat(quaternion);
-        let log_scale = stored.log_scale(place);
-        let stored_scale = DVec3::new(math::exp(log_scale.x), math::exp(log_scale.y), math::exp(log_scale.z));
-        let scale = stored_scale.min(DVec3::splat(SIGMA_MAX * mean.z / view.focal[0].max(view.focal[1])));
+        let given_scale = activations.scale(place);
+        let scale = given_scale.min(DVec3::splat(SIGMA_MAX * mean.z / view.focal[0].max(view.focal[1])));
 
         let forward = view.rotation.row(2);
         // No closures over arrays here: those are not always inlined.
@@ -265,7 +298,6 @@ impl Footprint {
         let eps = view.eps2d;
         let det = det0 + eps * (a0 + c0) + eps * eps;
 
-        let opacity = 1.0 / (1.0 + math::exp(-stored.logit(place)));
         let ratio = (det0 / det).sqrt();
         let least = if view.antialias { view.compensation_min } else { 1.0 };
         let compensates = view.antialias & (ratio > least);
@@ -278,7 +310,7 @@ impl Footprint {
             norm,
             quaternion,
             axes,
-            stored_scale,
+            given_scale,
             scale,
             jacobian: [j0, j1],
             turned: [t0, t1],
@@ -288,7 +320,7 @@ impl Footprint {
             a: a0 + eps,
             b,
             c: c0 + eps,
-            opacity,
+            opacity: activations.opacities[place],
             compensation,
             compensates,
         }

@@ -67,9 +67,6 @@ pub(super) struct Splats {
     chunks: Vec<Chunk>,
 }
 
-/// Logarithms of the scales and logit of the opacity.
-pub(super) type Logs = [f32; 4];
-
 /// What is left of [`CHUNK`] Gaussians.
 #[derive(Debug, Default)]
 struct Chunk {
@@ -77,8 +74,6 @@ struct Chunk {
     /// The bits of their depths, which order as the depths do, because those are not negative.
     depths: Vec<u32>,
     tiles: Vec<Tiles>,
-    /// Of activated Gaussians that are recorded, what is stored in place of scales and opacity.
-    logs: Vec<Logs>,
     /// The tiles of splats that are in several rows of tiles.
     spans: Vec<Span>,
     /// Pairs of splat and tile.
@@ -89,7 +84,7 @@ struct Chunk {
 }
 
 impl Splats {
-    /// Projects every Gaussian of a scene; what was here is forgotten. `record` keeps the logarithms of activated Gaussians.
+    /// Projects every Gaussian of a scene; what was here is forgotten.
     ///
     /// # Errors
     /// If an activated Gaussian has a number that no Gaussian has.
@@ -98,12 +93,12 @@ impl Splats {
         source: Source<'_>,
         camera: &Camera,
         settings: &RenderSettings,
-        (grid, record): (Grid, bool),
+        grid: Grid,
         isa: Isa,
     ) -> Result<()> {
         let view = View::new(camera, settings);
         let limit = log2_alpha_bound(settings);
-        let frame = Frame { grid, limit, record, intersections: &AtomicU64::new(0) };
+        let frame = Frame { grid, limit, intersections: &AtomicU64::new(0) };
         let project_chunk = match (source.sh_degree(), isa > Isa::Scalar) {
             (0, true) => project_chunk::<0, true>,
             (1, true) => project_chunk::<1, true>,
@@ -165,11 +160,6 @@ impl Splats {
         self.chunks.par_iter().map(|chunk| chunk.depths.as_slice())
     }
 
-    /// As [`Splats::chunks`], the logarithms that were kept: those of every splat, or none.
-    pub(super) fn logs(&self) -> impl IndexedParallelIterator<Item = &[Logs]> {
-        self.chunks.par_iter().map(|chunk| chunk.logs.as_slice())
-    }
-
     /// All indices are below this.
     pub(super) fn end(&self) -> usize {
         self.chunks.len() * CHUNK
@@ -194,14 +184,13 @@ impl Splats {
 impl Chunk {
     /// Forgets everything and makes room for `count` splats.
     fn clear(&mut self, count: usize) {
-        let Self { splats, depths, tiles, logs, spans, intersections, rejected, is_faulty } = self;
+        let Self { splats, depths, tiles, spans, intersections, rejected, is_faulty } = self;
         splats.clear();
         splats.reserve_exact(count);
         depths.clear();
         depths.reserve_exact(count);
         tiles.clear();
         tiles.reserve_exact(count);
-        logs.clear();
         spans.clear();
         (*intersections, *rejected, *is_faulty) = (0, 0, false);
     }
@@ -236,8 +225,6 @@ struct Frame<'a> {
     grid: Grid,
     /// log₂ of alpha at which the ellipses end.
     limit: f32,
-    /// Whether logarithms are kept.
-    record: bool,
     /// Pairs of splat and tile found so far.
     intersections: &'a AtomicU64,
 }
@@ -266,13 +253,9 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
     gaussians: Range<usize>,
 ) {
     chunk.clear(gaussians.len());
-    let keeps_logs = frame.record && matches!(source, Source::Activated(_));
-    if keeps_logs {
-        chunk.logs.reserve_exact(gaussians.len());
-    }
     let sh_row = sh_coefficients(DEGREE) * 3;
     let first = gaussians.start;
-    let mut stored = Columns::new();
+    let mut columns = Columns::new(source.is_activated());
     let mut outcomes = [CULLED; BLOCK];
     let mut numbers = [0; BLOCK];
     let mut room = [0.0; BLOCK * 3 * COEFFICIENTS_MAX];
@@ -284,26 +267,26 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
             Source::Stored(scene) => {
                 let rows = scene.geometry()[start * Gaussians::GEOMETRY..].chunks_exact(Gaussians::GEOMETRY);
                 for (place, row) in rows.take(n).enumerate() {
-                    stored.set(place, row);
+                    columns.set(place, row);
                 }
                 &scene.sh()[start * sh_row..][..n * sh_row]
             }
             Source::Activated(activated) => {
                 let part = activated.part(start, n);
-                compiled_for!(isa, {
-                    chunk.is_faulty |= !part.is_good();
-                    stored.store(&part);
-                });
+                chunk.is_faulty |= compiled_for!(isa, !part.is_good());
+                for place in 0..n {
+                    columns.set_activated(place, &part, place);
+                }
                 part.sh(&mut room)
             }
         };
-        compiled_for!(isa, first_look(&mut outcomes, view, &stored));
+        compiled_for!(isa, first_look(&mut outcomes, view, &columns));
         let mut kept = 0;
         for (gaussian, &outcome) in outcomes[..n].iter().enumerate() {
             chunk.rejected += usize::from(outcome == REJECTED);
             if outcome == DRAWN {
                 if kept < gaussian {
-                    stored.copy(gaussian, kept);
+                    columns.copy(gaussian, kept);
                 }
                 numbers[kept] = gaussian;
                 kept += 1;
@@ -315,7 +298,7 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
         // Once there are too many pairs they only are counted.
         let before = chunk.intersections;
         let keep = frame.intersections.load(Ordering::Relaxed) <= INTERSECTIONS_MAX;
-        compiled_for!(isa, find_shapes(&mut shapes, view, &stored));
+        compiled_for!(isa, find_shapes(&mut shapes, view, &columns));
         compiled_for!(isa, {
             find_colours::<DEGREE, FMA>(&mut colours, &shapes.direction, &numbers[..kept], sh);
         });
@@ -326,9 +309,6 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
             } else if rgb.iter().all(|channel| channel.is_finite()) {
                 let rgb = rgb.map(|channel| if channel < 0.0 { -0.0 } else { channel });
                 let gaussian = (start - first + gaussian) as u32;
-                if keeps_logs {
-                    chunk.logs.push(stored.logs(place));
-                }
                 chunk.push(shapes.splat(place, rgb, gaussian), shapes.bounds(place), frame, keep);
             } else {
                 chunk.rejected += 1;

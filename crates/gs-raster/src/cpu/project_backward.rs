@@ -2,10 +2,10 @@
 
 use super::blend::Lists;
 use super::blend_backward::{MOMENTS, SHARES, Summed, finite};
-use super::footprint::{BLOCK, Columns, Footprint, View};
-use super::project::{CHUNK, Logs, Splat};
+use super::footprint::{Activations, BLOCK, Columns, Footprint, View};
+use super::project::{CHUNK, Splat};
 use super::sums::{Sums, add};
-use super::{Source, math, sh};
+use super::{Source, sh};
 use crate::{CameraGradient, RenderSettings};
 use cpu_kernels::{Isa, compiled_for};
 use glam::{DMat3, DQuat, DVec3};
@@ -43,13 +43,12 @@ pub(super) fn project_backward(
     };
     let cameras: Vec<CameraGradient> = splats
         .chunks()
-        .zip(splats.logs())
         .zip(places.par_chunks(CHUNK))
         .zip(sums.chunks(CHUNK, sh_row))
         .zip(&mut shares)
         .enumerate()
-        .map(|(at, ((((splats, logs), places), sums), shares))| {
-            let mut chunk = Chunk { splats, logs, places, source, first: at * CHUNK, sums, shares };
+        .map(|(at, (((splats, places), sums), shares))| {
+            let mut chunk = Chunk { splats, places, source, first: at * CHUNK, sums, shares };
             chunk_backward(isa, &mut chunk, &view, summed)
         })
         .collect();
@@ -65,8 +64,6 @@ pub(super) fn project_backward(
 /// Gaussians of one task.
 struct Chunk<'a> {
     splats: &'a [Splat],
-    /// As the splats, of activated Gaussians.
-    logs: &'a [Logs],
     /// Where the sums of each splat are.
     places: &'a [u32],
     source: Source<'a>,
@@ -94,12 +91,10 @@ fn chunk_backward<const DEGREE: usize>(
 ) -> CameraGradient {
     let coefficients = sh_coefficients(DEGREE);
     let mut room = [0.0; 3];
-    let mut stored = Columns::new();
+    let mut columns = Columns::new(chunk.source.is_activated());
     let mut block = Block::new();
     let mut moments = [[0.0; MOMENTS]; BLOCK];
-    let blocks = chunk.splats.chunks(BLOCK).zip(chunk.places.chunks(BLOCK)).enumerate();
-    for (number, (splats, places)) in blocks {
-        let logs = chunk.logs.get(number * BLOCK..).unwrap_or_default();
+    for (splats, places) in chunk.splats.chunks(BLOCK).zip(chunk.places.chunks(BLOCK)) {
         // These lie anywhere; fetched together, the waits for memory overlap.
         for (moments, &place) in moments.iter_mut().zip(places) {
             *moments = summed.moments[place as usize];
@@ -111,11 +106,11 @@ fn chunk_backward<const DEGREE: usize>(
             let sh = match chunk.source {
                 Source::Stored(scene) => {
                     let row = &scene.geometry()[gaussian * Gaussians::GEOMETRY..];
-                    stored.set(at, &row[..Gaussians::GEOMETRY]);
+                    columns.set(at, &row[..Gaussians::GEOMETRY]);
                     &scene.sh()[gaussian * coefficients * 3..]
                 }
                 Source::Activated(arrays) => {
-                    stored.set_activated(at, arrays, gaussian, &logs[at]);
+                    columns.set_activated(at, arrays, gaussian);
                     arrays.sh_of(gaussian, &mut room)
                 }
             };
@@ -134,10 +129,11 @@ fn chunk_backward<const DEGREE: usize>(
             }
         }
         for at in 0..BLOCK {
-            block.colour_backward::<DEGREE>(at, view, &stored);
+            block.colour_backward::<DEGREE>(at, view, &columns);
         }
+        let activations = columns.activate();
         for at in 0..BLOCK {
-            block.backward(at, view, &stored, summed.unit);
+            block.backward(at, view, (&columns, &activations), summed.unit);
         }
         for (at, splat) in splats.iter().enumerate() {
             if !block.active[at] {
@@ -197,8 +193,8 @@ impl Block {
     }
 
     #[inline(always)]
-    fn colour_backward<const DEGREE: usize>(&mut self, at: usize, view: &View, stored: &Columns) {
-        let offset = stored.mean(at) - view.position;
+    fn colour_backward<const DEGREE: usize>(&mut self, at: usize, view: &View, columns: &Columns) {
+        let offset = columns.mean(at) - view.position;
         let inverse = offset.length_squared().sqrt().recip();
         let direction = offset * inverse;
         let d = [direction.x as f32, direction.y as f32, direction.z as f32];
@@ -217,8 +213,14 @@ impl Block {
     }
 
     #[inline(always)]
-    fn backward(&mut self, at: usize, view: &View, stored: &Columns, unit: f64) {
-        let shape = Footprint::new(view, stored, at);
+    fn backward(
+        &mut self,
+        at: usize,
+        view: &View,
+        (columns, activations): (&Columns, &Activations),
+        unit: f64,
+    ) {
+        let shape = Footprint::new(view, columns, activations, at);
         let moment = |k: usize| f64::from(self.moments[k][at]);
         let (s, s_dx, s_dxdx) = (moment(0), moment(1), moment(2));
         let (s_dy, s_dydy, s_dxdy) = (moment(3), moment(4), moment(5));
@@ -243,7 +245,7 @@ impl Block {
 
         // The opacity times the compensation √(det0 / det); both by their logarithms.
         let by_log = s / LN_2;
-        let by_logit = by_log / (1.0 + math::exp(stored.logit(at)));
+        let by_opacity = by_log * activations.log_opacity_by_number(at);
         let normal = u.cross(v);
         let eps = view.eps2d;
         let squares = u.length_squared() + v.length_squared() + eps;
@@ -258,12 +260,13 @@ impl Block {
         let scale = shape.scale;
         let [turned_u, turned_v] = shape.turned;
         let by_scale = by_u * turned_u + by_v * turned_v;
-        let by_log_scale = by_scale * scale;
-        let limited = shape.stored_scale;
-        let by_log_scale = DVec3::new(
-            if scale.x < limited.x { 0.0 } else { by_log_scale.x },
-            if scale.y < limited.y { 0.0 } else { by_log_scale.y },
-            if scale.z < limited.z { 0.0 } else { by_log_scale.z },
+        // By the number that the source holds.
+        let by_scale = if columns.is_activated { by_scale } else { by_scale * scale };
+        let given = shape.given_scale;
+        let by_scale = DVec3::new(
+            if scale.x < given.x { 0.0 } else { by_scale.x },
+            if scale.y < given.y { 0.0 } else { by_scale.y },
+            if scale.z < given.z { 0.0 } else { by_scale.z },
         );
         let [ju, jv] = shape.jacobian;
         let (tu, tv) = (by_u * scale, by_v * scale);
@@ -290,7 +293,7 @@ impl Block {
         let by_mean = DVec3::new(by_slope[0] * inverse_z, by_slope[1] * inverse_z, by_z - shrink * inverse_z);
         let by_forward = by_row[0] * -shape.clamped[0] - by_row[1] * shape.clamped[1];
 
-        let mean = stored.mean(at);
+        let mean = columns.mean(at);
         let shift = DVec3::new(self.shift[0][at], self.shift[1][at], self.shift[2][at]);
         let (r, t) = (view.rotation, view.translation);
         let world = DVec3::new(r.x_axis.dot(by_mean), r.y_axis.dot(by_mean), r.z_axis.dot(by_mean)) + shift;
@@ -302,8 +305,8 @@ impl Block {
         let by_z = column(mean.z, shift.z, [by_row[0].z, by_row[1].z, by_forward.z]);
 
         let q = by_quaternion;
-        let l = by_log_scale;
-        let geometry = [world.x, world.y, world.z, q.w, q.x, q.y, q.z, l.x, l.y, l.z, by_logit];
+        let k = by_scale;
+        let geometry = [world.x, world.y, world.z, q.w, q.x, q.y, q.z, k.x, k.y, k.z, by_opacity];
         for (column, value) in self.geometry.iter_mut().zip(geometry) {
             column[at] = finite(unit * value);
         }

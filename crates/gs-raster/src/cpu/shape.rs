@@ -4,7 +4,7 @@
 //! [`compiled_for`](cpu_kernels::compiled_for). They are functions of their own so that the compiler knows that what they
 //! read and what they write lies apart.
 
-use super::footprint::{BLOCK, Columns, Footprint, View};
+use super::footprint::{Activations, BLOCK, Columns, Footprint, View};
 use super::project::Splat;
 use super::span::Bounds;
 use super::{math, sh};
@@ -18,21 +18,22 @@ pub(super) const REJECTED: u32 = 2;
 
 /// What can be said of Gaussians before their shapes are known.
 #[inline(always)]
-pub(super) fn first_look(outcomes: &mut [u32; BLOCK], view: &View, stored: &Columns) {
+pub(super) fn first_look(outcomes: &mut [u32; BLOCK], view: &View, columns: &Columns) {
+    let scales = columns.largest_scales();
     for (place, outcome) in outcomes.iter_mut().enumerate() {
-        *outcome = outcome_at_first(view, stored, place);
+        *outcome = outcome_at_first(view, columns, scales[place], place);
     }
 }
 
 /// Every test is written so that NaN fails it.
 #[inline(always)]
-fn outcome_at_first(view: &View, stored: &Columns, place: usize) -> u32 {
-    let mean = view.rotation * stored.mean(place) + view.translation;
+fn outcome_at_first(view: &View, columns: &Columns, scale: f64, place: usize) -> u32 {
+    let mean = view.rotation * columns.mean(place) + view.translation;
     let before = (mean.z > view.near) & (mean.z < view.far);
     // Most Gaussians outside the image are far outside: an opaque ball around such a one misses it, too. The ball
     // is a little larger because a valid rotation may be off by 1e-4.
     let inverse_z = mean.z.recip();
-    let radius = 1.001 * math::exp(stored.log_scale(place).max_element());
+    let radius = 1.001 * scale;
     let outside = |axis: usize, slope: f64| {
         let clamped = view.clamp(axis, slope);
         let jacobian = view.focal[axis] * inverse_z * (1.0 + clamped * clamped).sqrt();
@@ -40,16 +41,17 @@ fn outcome_at_first(view: &View, stored: &Columns, place: usize) -> u32 {
         view.is_outside(axis, view.focal[axis] * slope + view.centre[axis], reach)
     };
     let outside = outside(0, mean.x * inverse_z) | outside(1, mean.y * inverse_z);
-    if stored.is_finite(place) { if before & !outside { DRAWN } else { CULLED } } else { REJECTED }
+    if columns.is_finite(place) { if before & !outside { DRAWN } else { CULLED } } else { REJECTED }
 }
 
 /// The shapes of Gaussians that passed the first look.
 #[inline(always)]
-pub(super) fn find_shapes(shapes: &mut Shapes, view: &View, stored: &Columns) {
+pub(super) fn find_shapes(shapes: &mut Shapes, view: &View, columns: &Columns) {
     // Copies: of what is only referred to, the compiler does not see that no store changes it, and then makes no vectors of the loop.
-    let (view, stored) = (*view, *stored);
+    let (view, columns) = (*view, *columns);
+    let activations = columns.activate();
     for place in 0..BLOCK {
-        shapes.set(place, &view, &stored);
+        shapes.set(place, &view, &columns, &activations);
     }
 }
 
@@ -113,8 +115,8 @@ impl Shapes {
     }
 
     #[inline(always)]
-    fn set(&mut self, place: usize, view: &View, stored: &Columns) {
-        let shape = Footprint::new(view, stored, place);
+    fn set(&mut self, place: usize, view: &View, columns: &Columns, activations: &Activations) {
+        let shape = Footprint::new(view, columns, activations, place);
         let Footprint { a, b, c, det, .. } = shape;
         let opacity = shape.opacity * shape.compensation;
         let centre = [
@@ -136,7 +138,7 @@ impl Shapes {
         }
         let is_drawn = opacity >= view.alpha_min;
         let is_shaped = (shape.norm != 0.0)
-            & (shape.stored_scale.max_element() <= f64::from(f32::MAX))
+            & (shape.given_scale.max_element() <= f64::from(f32::MAX))
             & (!is_drawn | (zero == 0.0));
         // Pixels whose centres are between the ends of the ellipse.
         let mut is_inside = true;
@@ -157,7 +159,7 @@ impl Shapes {
         self.depth[place] = shape.mean.z as f32;
         self.shear[place] = shear as f32;
         self.half_width[place] = extent[0] as f32;
-        let direction = stored.mean(place) - view.position;
+        let direction = columns.mean(place) - view.position;
         let direction = direction * direction.length_squared().sqrt().recip();
         self.direction[0][place] = direction.x as f32;
         self.direction[1][place] = direction.y as f32;

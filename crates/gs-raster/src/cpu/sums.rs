@@ -3,17 +3,18 @@
 use super::footprint::BLOCK;
 use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 
-/// Gradients by the stored parametrisation, summed over views, in the layout of the Gaussians' [`Source`](super::Source).
+/// Gradients by the numbers of the Gaussians' [`Source`](super::Source), summed over views, in its layout. Those by colours are by SH
+/// coefficients in any case.
 #[derive(Debug)]
 pub(crate) enum Sums<'a> {
     /// `[N, 11]` and `[N, (degree+1)², 3]`.
     Stored { geometry: &'a mut [f32], sh: &'a mut [f32] },
-    /// One array per parameter. By SH coefficients in the first of the `color_row` numbers of each Gaussian.
+    /// One array per parameter. Colours are in the first of the `color_row` numbers of each Gaussian.
     Activated {
         means: &'a mut [f32],
         quats: &'a mut [f32],
-        log_scales: &'a mut [f32],
-        logits: &'a mut [f32],
+        scales: &'a mut [f32],
+        opacities: &'a mut [f32],
         colors: &'a mut [f32],
         color_row: usize,
     },
@@ -28,13 +29,13 @@ impl Sums<'_> {
                     geometry.chunks_mut(size * Gaussians::GEOMETRY).zip(sh.chunks_mut(size * sh_row));
                 chunks.map(|(geometry, sh)| Sums::Stored { geometry, sh }).collect()
             }
-            Self::Activated { means, quats, log_scales, logits, colors, color_row } => {
+            Self::Activated { means, quats, scales, opacities, colors, color_row } => {
                 let color_row = *color_row;
                 let shapes = means.chunks_mut(size * 3).zip(quats.chunks_mut(size * 4));
-                let shapes = shapes.zip(log_scales.chunks_mut(size * 3));
-                let looks = logits.chunks_mut(size).zip(colors.chunks_mut(size * color_row));
-                let chunks = shapes.zip(looks).map(|(((means, quats), log_scales), (logits, colors))| {
-                    Sums::Activated { means, quats, log_scales, logits, colors, color_row }
+                let shapes = shapes.zip(scales.chunks_mut(size * 3));
+                let looks = opacities.chunks_mut(size).zip(colors.chunks_mut(size * color_row));
+                let chunks = shapes.zip(looks).map(|(((means, quats), scales), (opacities, colors))| {
+                    Sums::Activated { means, quats, scales, opacities, colors, color_row }
                 });
                 chunks.collect()
             }
@@ -54,11 +55,11 @@ impl Sums<'_> {
                 let row = &mut geometry[gaussian * Gaussians::GEOMETRY..][..Gaussians::GEOMETRY];
                 add_columns(row, columns, place);
             }
-            Self::Activated { means, quats, log_scales, logits, .. } => {
+            Self::Activated { means, quats, scales, opacities, .. } => {
                 add_columns(&mut means[3 * gaussian..][..3], &columns[MEAN], place);
                 add_columns(&mut quats[4 * gaussian..][..4], &columns[QUATERNION], place);
-                add_columns(&mut log_scales[3 * gaussian..][..3], &columns[LOG_SCALE], place);
-                add(&mut logits[gaussian], columns[OPACITY_LOGIT][place]);
+                add_columns(&mut scales[3 * gaussian..][..3], &columns[LOG_SCALE], place);
+                add(&mut opacities[gaussian], columns[OPACITY_LOGIT][place]);
             }
         }
     }
