@@ -13,7 +13,7 @@ use crate::{device, output};
 use anyhow::Context;
 use attn_head::Kind;
 use clap::{Args, ValueEnum};
-use compare::{ByWindow, Difference, Verdict, difference};
+use compare::{ByWindow, Difference, Verdict, differences};
 use evaluate::{Recipe, Spread};
 use measure::{Measure, Scores, Set};
 use report_parts::{Table, lpips_column, number};
@@ -319,30 +319,45 @@ fn measured(
 /// Every row against the paper's method, if that is among them, over the training seeds that both have.
 fn compared(what: What, rows: &[Measured]) -> Vec<Compared> {
     let reference = what.reference();
-    let mut all: Vec<Compared> = Vec::new();
-    for one in rows {
-        if one.row == reference || all.iter().any(|c| c.row == one.row && c.scenes == one.scenes) {
-            continue;
-        }
+    let mut names = in_order(rows.iter().map(|row| row.row));
+    names.retain(|name| *name != reference);
+    let mut all = Vec::new();
+    for scenes in in_order(rows.iter().map(|row| row.scenes)) {
         let of = |name: &str, seed: u64| {
             rows.iter()
-                .find(|other| other.row == name && other.scenes == one.scenes && other.training_seed == seed)
+                .find(|row| row.row == name && row.scenes == scenes && row.training_seed == seed)
                 .map(|found| &found.psnr_by_window)
         };
-        let seeds = rows.iter().map(|row| row.training_seed);
-        let pairs = seeds.filter_map(|seed| Some((seed, [of(one.row, seed)?, of(reference, seed)?])));
-        let Some(difference) = difference(&pairs.collect()) else { continue };
-        let in_paper = what.difference_in_paper(one.row);
-        all.push(Compared {
-            row: one.row,
-            reference,
-            scenes: one.scenes,
-            claim_of_paper: compare::of_paper(difference.verdict, in_paper),
-            psnr_difference_paper: in_paper,
-            difference,
-        });
+        let pairs = |name: &&str| {
+            let seeds = rows.iter().map(|row| row.training_seed);
+            seeds.filter_map(|seed| Some((seed, [of(name, seed)?, of(reference, seed)?]))).collect()
+        };
+        let found = differences(&names.iter().map(pairs).collect::<Vec<_>>());
+        for (&row, difference) in names.iter().zip(found) {
+            let Some(difference) = difference else { continue };
+            let in_paper = what.difference_in_paper(row);
+            all.push(Compared {
+                row,
+                reference,
+                scenes,
+                claim_of_paper: compare::of_paper(difference.verdict, in_paper),
+                psnr_difference_paper: in_paper,
+                difference,
+            });
+        }
     }
     all
+}
+
+/// Each name once.
+fn in_order(names: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
+    let mut found = Vec::new();
+    for name in names {
+        if !found.contains(&name) {
+            found.push(name);
+        }
+    }
+    found
 }
 
 fn table_of_differences(all: &[Compared]) -> Table {

@@ -43,60 +43,102 @@ pub(super) fn of_paper(verdict: Verdict, in_paper: Option<f64>) -> &'static str 
     }
 }
 
-/// A row against a reference, window by window, by training seed. None if they share no window.
+/// Pairs of a row and its reference, by training seed.
+pub(super) type Pairs<'a> = BTreeMap<u64, [&'a ByWindow; 2]>;
+
+/// Rows against one reference, window by window. None of a row that shares no window with it.
 ///
-/// The interval is of scenes and training seeds that were not tried: with the deviations s of the means by scene (over seeds) and by seed (over scenes),
-/// its variance is s²/n of the scenes plus s²/n of the seeds, and its degrees of freedom follow from Welch and Satterthwaite. Windows of one scene are
-/// no independent samples, nor are those of one seed. Nothing is corrected for the number of rows.
-pub(super) fn difference(rows: &BTreeMap<u64, [&ByWindow; 2]>) -> Option<Difference> {
-    let mut by_scene: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
-    let mut by_training_seed = BTreeMap::new();
-    for (&seed, [row, reference]) in rows {
-        let mut scenes: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
-        for (window, psnr) in *row {
-            if let Some(other) = reference.get(window) {
-                scenes.entry(scene_of(window)).or_default().push(psnr - other);
+/// The intervals are of scenes and training seeds that were not tried. The variance of a difference is that of scenes plus that of training seeds. That of
+/// scenes is s²/n, with the deviation s of the means by scene (over seeds). That of seeds is taken to be the same for all rows, so that they are estimated
+/// together: [`of_seeds`]. Degrees of freedom follow from Welch and Satterthwaite. Windows of one scene are no independent samples, nor are those of one
+/// seed. Nothing is corrected for the number of rows.
+pub(super) fn differences(rows: &[Pairs<'_>]) -> Vec<Option<Difference>> {
+    let means: Vec<Option<Means>> = rows.iter().map(Means::of).collect();
+    let of_seeds = of_seeds(means.iter().flatten().map(|means| &means.by_training_seed));
+    let tell = |means: Means| {
+        let mean = mean_of(means.by_scene.iter().copied());
+        let interval = half_interval(&means, of_seeds);
+        let verdict = match interval {
+            Some(half) if mean - half > 0.0 => Verdict::Better,
+            Some(half) if mean + half < 0.0 => Verdict::Worse,
+            _ => Verdict::CannotBeTold,
+        };
+        let scene_count = means.by_scene.len();
+        Difference { mean, interval, by_training_seed: means.by_training_seed, scene_count, verdict }
+    };
+    means.into_iter().map(|means| means.map(tell)).collect()
+}
+
+/// Means of a row's differences.
+struct Means {
+    /// Over seeds, per scene.
+    by_scene: Vec<f64>,
+    /// Over scenes.
+    by_training_seed: BTreeMap<u64, f64>,
+}
+
+impl Means {
+    fn of(row: &Pairs<'_>) -> Option<Self> {
+        let mut by_scene: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+        let mut by_training_seed = BTreeMap::new();
+        for (&seed, [row, reference]) in row {
+            let mut scenes: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+            for (window, psnr) in *row {
+                if let Some(other) = reference.get(window) {
+                    scenes.entry(scene_of(window)).or_default().push(psnr - other);
+                }
             }
+            let scenes: BTreeMap<&str, f64> =
+                scenes.into_iter().map(|(scene, windows)| (scene, mean_of(windows))).collect();
+            if !scenes.is_empty() {
+                by_training_seed.insert(seed, mean_of(scenes.values().copied()));
+            }
+            scenes.into_iter().for_each(|(scene, mean)| by_scene.entry(scene).or_default().push(mean));
         }
-        let scenes: BTreeMap<&str, f64> =
-            scenes.iter().map(|(scene, windows)| (*scene, mean_of(windows))).collect();
-        if !scenes.is_empty() {
-            by_training_seed.insert(seed, mean_of(&scenes.values().copied().collect::<Vec<_>>()));
-        }
-        scenes.into_iter().for_each(|(scene, mean)| by_scene.entry(scene).or_default().push(mean));
+        let by_scene: Vec<f64> = by_scene.into_values().map(mean_of).collect();
+        (!by_scene.is_empty()).then_some(Self { by_scene, by_training_seed })
     }
-    let of_scenes: Vec<f64> = by_scene.values().map(|seeds| mean_of(seeds)).collect();
-    let of_seeds: Vec<f64> = by_training_seed.values().copied().collect();
-    if of_scenes.is_empty() {
-        return None;
-    }
-    let mean = mean_of(&of_scenes);
-    let interval = half_interval(&of_scenes, &of_seeds);
-    let verdict = match interval {
-        Some(half) if mean - half > 0.0 => Verdict::Better,
-        Some(half) if mean + half < 0.0 => Verdict::Worse,
-        _ => Verdict::CannotBeTold,
-    };
-    Some(Difference { mean, interval, by_training_seed, scene_count: of_scenes.len(), verdict })
 }
 
-fn mean_of(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
+fn mean_of(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, n) = values.into_iter().fold((0.0, 0.0), |(sum, n), value| (sum + value, n + 1.0));
+    sum / n
 }
 
-/// Half the 95 % interval of the mean from its means by scene and by seed.
-fn half_interval(scenes: &[f64], seeds: &[f64]) -> Option<f64> {
-    if scenes.len() < 2 || seeds.len() < 2 {
+/// A variance and its degrees of freedom.
+type Estimate = (f64, f64);
+
+/// The variance that a training seed gives a row, beyond what it gives all rows alike: that of the residuals of the table of rows and seeds without the
+/// means of its rows and columns. The reference is a row of zeros in it. Of rows that have every seed; None if there is none, or one seed.
+fn of_seeds<'a>(rows: impl Iterator<Item = &'a BTreeMap<u64, f64>> + Clone) -> Option<Estimate> {
+    let seed_count = rows.clone().map(BTreeMap::len).max()?;
+    let rows = rows.filter(|row| row.len() == seed_count).map(|row| row.values().copied().collect());
+    let table: Vec<Vec<f64>> = std::iter::once(vec![0.0; seed_count]).chain(rows).collect();
+    let degrees = ((table.len() - 1) * (seed_count - 1)) as f64;
+    let of_seed: Vec<f64> = (0..seed_count).map(|seed| mean_of(table.iter().map(|row| row[seed]))).collect();
+    let whole = mean_of(of_seed.iter().copied());
+    let squares = table.iter().map(|row| {
+        let of_row = mean_of(row.iter().copied());
+        row.iter()
+            .zip(&of_seed)
+            .map(|(value, of_seed)| (value - of_row - of_seed + whole).powi(2))
+            .sum::<f64>()
+    });
+    (degrees > 0.0).then(|| (squares.sum::<f64>() / degrees, degrees))
+}
+
+/// Half the 95 % interval of the mean of a row's differences; `of_seeds` is the variance of one row by training seeds.
+fn half_interval(means: &Means, of_seeds: Option<Estimate>) -> Option<f64> {
+    let (scenes, seed_count) = (&means.by_scene, means.by_training_seed.len());
+    if scenes.len() < 2 || seed_count < 2 {
         return None;
     }
-    // Variance of the mean of these.
-    let part = |values: &[f64]| {
-        let (n, mean) = (values.len() as f64, mean_of(values));
-        values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0) / n
-    };
-    let parts = [scenes, seeds].map(|values| (part(values), values.len() as f64 - 1.0));
-    let variance: f64 = parts.iter().map(|(part, _)| part).sum();
-    let spread: f64 = parts.iter().map(|(part, degrees)| part * part / degrees).sum();
+    let (n, mean) = (scenes.len() as f64, mean_of(scenes.iter().copied()));
+    let of_scenes = scenes.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0) / n;
+    // A difference is one of two rows.
+    let (of_seeds, degrees) = of_seeds.map(|(one, degrees)| (2.0 * one / seed_count as f64, degrees))?;
+    let variance = of_scenes + of_seeds;
+    let spread = of_scenes * of_scenes / (n - 1.0) + of_seeds * of_seeds / degrees;
     let degrees =
         if spread > 0.0 { (variance * variance / spread).floor() as usize } else { scenes.len() - 1 };
     Some(quantile(degrees.max(1)) * variance.sqrt())
@@ -126,8 +168,12 @@ mod tests {
         values.iter().map(|&(name, psnr)| (name.to_owned(), psnr)).collect()
     }
 
+    fn pairs<'a>(seeds: &[[&'a ByWindow; 2]]) -> Pairs<'a> {
+        (7..).zip(seeds.iter().copied()).collect()
+    }
+
     fn of(seeds: &[[&ByWindow; 2]]) -> Option<Difference> {
-        difference(&(7..).zip(seeds.iter().copied()).collect())
+        differences(&[pairs(seeds)]).remove(0)
     }
 
     #[test]
@@ -146,6 +192,32 @@ mod tests {
         assert_eq!(of_paper(found.verdict, Some(0.5)), "contradicted");
         assert_eq!(of_paper(found.verdict, None), "-");
         assert_eq!(of(&[[&reference, &row], [&reference, &other]]).unwrap().verdict, Verdict::Better);
+    }
+
+    #[test]
+    fn rows_estimate_the_variance_of_training_seeds_together() {
+        // Every scene alike, so that the seeds alone count: row 1 is 1.0 and 1.2 above the reference, row 2 -0.5 and -0.5.
+        let scenes = |psnr: f64| windows(&[("a/0", psnr), ("b/0", psnr), ("c/0", psnr)]);
+        let reference = scenes(20.0);
+        let (up, more, down) = (scenes(21.0), scenes(21.2), scenes(19.5));
+        let rows = [
+            pairs(&[[&up, &reference], [&more, &reference]]),
+            pairs(&[[&down, &reference], [&down, &reference]]),
+        ];
+        // By hand: the table is 0 0, 1.0 1.2, -0.5 -0.5. Its residuals are ±0.0333 (0.1 less two thirds of it), ∓0.0667 and ±0.0333 in the two columns:
+        // squares 2 (0.00111 + 0.00444 + 0.00111) = 0.01333, over 2 degrees of freedom 0.00667. Two rows over two seeds: 0.00667.
+        let half = 4.303 * (2.0_f64 * 0.006_667 / 2.0).sqrt();
+        let found = differences(&rows);
+        for (found, mean) in found.iter().zip([1.1, -0.5]) {
+            let found = found.as_ref().unwrap();
+            assert!((found.mean - mean).abs() < 1e-9, "{found:?}");
+            assert!((found.interval.unwrap() - half).abs() < 1e-3, "{found:?}, {half}");
+        }
+        // A row with fewer seeds has no part in the estimate.
+        let short = pairs(&[[&up, &reference]]);
+        let with_short = differences(&[rows[0].clone(), rows[1].clone(), short]);
+        assert_eq!(with_short[..2], found[..]);
+        assert_eq!(with_short[2].as_ref().unwrap().interval, None);
     }
 
     #[test]
