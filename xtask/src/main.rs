@@ -33,6 +33,7 @@ Commands of the product (built in release, arguments passed on; each has --help)
   tradeoff     what accuracy costs in time: one method varied along one axis at a time
   paper        the paper's tables, with what is measured here beside
   train        a head, on a frozen backbone
+  train-depth  the network behind `--depth learned`
   ablate       the paper's ablations, each row trained alike
   simulate     photographs of a described or generated scene, as a data set in one of the usual layouts
   check-data   what a data set is, and what is wrong with it
@@ -56,7 +57,7 @@ Checks for developers:
 ";
 
 /// Commands that belong to the `sparsesplat` binary.
-const FORWARDED: [&str; 17] = [
+const FORWARDED: [&str; 18] = [
     "demo",
     "reconstruct",
     "poses",
@@ -68,6 +69,7 @@ const FORWARDED: [&str; 17] = [
     "tradeoff",
     "paper",
     "train",
+    "train-depth",
     "ablate",
     "simulate",
     "check-data",

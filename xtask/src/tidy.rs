@@ -51,6 +51,9 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
                 for found in dead_paths(&text, |path| resolves(root, folder, path)) {
                     problems.push(format!("{name}: `{found}` does not exist"));
                 }
+                for found in unknown_commands(&text, crate::HELP) {
+                    problems.push(format!("{name}: there is no command `cargo xtask {found}`"));
+                }
             }
             _ => {}
         }
@@ -94,6 +97,19 @@ fn dead_paths(text: &str, resolves: impl Fn(&str) -> bool) -> Vec<String> {
     dead
 }
 
+/// The commands of `cargo xtask` in a text that begin no line of `help`.
+fn unknown_commands(text: &str, help: &str) -> Vec<String> {
+    let is_name = |c: char| c.is_ascii_lowercase() || c == '-';
+    let listed: Vec<&str> =
+        help.lines().filter_map(|line| line.strip_prefix("  ")?.split(' ').next()).collect();
+    let named =
+        text.split("cargo xtask ").skip(1).map(|rest| rest.split(|c| !is_name(c)).next().unwrap_or_default());
+    named
+        .filter(|name| name.starts_with(|c: char| c != '-') && !listed.contains(name))
+        .map(str::to_owned)
+        .collect()
+}
+
 /// Whether a path begins with a folder of this repository or of one of its crates (and not with `out`, or a scene's
 /// name).
 fn is_ours(path: &str) -> bool {
@@ -130,6 +146,12 @@ mod tests {
                     ```\n`crates/in-code`\n```\n`../docs/gone.md`";
         let dead = dead_paths(text, |path| path == "crates/a");
         assert_eq!(dead, ["crates/gone.rs", "../docs/gone.md"]);
+    }
+
+    #[test]
+    fn commands_that_the_help_does_not_list_are_found() {
+        let text = "`cargo xtask train-depth -o out`, cargo xtask --help, `cargo xtask <command>` and\n    cargo xtask trian\n";
+        assert_eq!(unknown_commands(text, crate::HELP), ["trian"]);
     }
 
     #[test]

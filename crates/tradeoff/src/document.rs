@@ -65,7 +65,7 @@ fn too_many(summary: &Summary) -> Option<String> {
 
 fn costs(knee: &Knee) -> String {
     format!(
-        "At the knee of the budget {} costs {} dB against the best ({})",
+        "Along the counts, returns diminish most after {}: it is {} dB below the best count ({})",
         knee.point,
         decibel(knee.decibels),
         knee.best

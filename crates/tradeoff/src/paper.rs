@@ -230,7 +230,7 @@ impl PaperTable {
             )],
             Self::Primitives => vec![text(
                 "The figures of mapping systems are for whole sequences, as the paper takes them from CaRtGS. The paper's own figures and ours are for \
-                 one window, which a mapping system adds per keyframe window.",
+                 one window only; a mapping system would add that number for every window of keyframes.",
             )],
         }
     }
