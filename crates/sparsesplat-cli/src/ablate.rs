@@ -340,7 +340,7 @@ fn compared(what: What, rows: &[Measured]) -> Vec<Compared> {
                 row,
                 reference,
                 scenes,
-                claim_of_paper: compare::of_paper(difference.verdict, in_paper),
+                claim_of_paper: compare::of_paper(&difference, in_paper),
                 psnr_difference_paper: in_paper,
                 difference,
             });

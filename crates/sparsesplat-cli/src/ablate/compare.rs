@@ -32,14 +32,17 @@ pub(super) enum Verdict {
     CannotBeTold,
 }
 
-/// What the verdict says of a difference of the paper.
-pub(super) fn of_paper(verdict: Verdict, in_paper: Option<f64>) -> &'static str {
-    match (verdict, in_paper) {
-        (_, None) => "-",
-        (Verdict::CannotBeTold, Some(_)) => "cannot be told",
-        (Verdict::Better, Some(d)) if d > 0.0 => "confirmed",
-        (Verdict::Worse, Some(d)) if d < 0.0 => "confirmed",
-        (Verdict::Better | Verdict::Worse, Some(_)) => "contradicted",
+/// What a difference says of that of the paper. It confirms the paper's if it has the same sign and excludes zero. It contradicts the paper's if it has the
+/// other sign, or if its interval holds zero and excludes the paper's.
+pub(super) fn of_paper(difference: &Difference, in_paper: Option<f64>) -> &'static str {
+    let Some(in_paper) = in_paper else { return "-" };
+    let is_excluded = difference.interval.is_some_and(|half| (difference.mean - in_paper).abs() > half);
+    match difference.verdict {
+        Verdict::CannotBeTold if is_excluded => "contradicted",
+        Verdict::CannotBeTold => "cannot be told",
+        Verdict::Better if in_paper > 0.0 => "confirmed",
+        Verdict::Worse if in_paper < 0.0 => "confirmed",
+        Verdict::Better | Verdict::Worse => "contradicted",
     }
 }
 
@@ -188,9 +191,9 @@ mod tests {
         assert!((found.interval.unwrap() - 12.706 * 0.003_611_f64.sqrt()).abs() < 1e-3, "{found:?}");
         assert_eq!(found.by_training_seed.keys().copied().collect::<Vec<_>>(), [7, 8]);
         assert_eq!(found.verdict, Verdict::Worse);
-        assert_eq!(of_paper(found.verdict, Some(-0.5)), "confirmed");
-        assert_eq!(of_paper(found.verdict, Some(0.5)), "contradicted");
-        assert_eq!(of_paper(found.verdict, None), "-");
+        assert_eq!(of_paper(&found, Some(-0.5)), "confirmed");
+        assert_eq!(of_paper(&found, Some(0.5)), "contradicted");
+        assert_eq!(of_paper(&found, None), "-");
         assert_eq!(of(&[[&reference, &row], [&reference, &other]]).unwrap().verdict, Verdict::Better);
     }
 
@@ -226,6 +229,12 @@ mod tests {
         let mixed = windows(&[("a/0", 21.0), ("b/0", 29.5)]);
         let told = |seeds: &[[&ByWindow; 2]]| of(seeds).unwrap().verdict;
         assert_eq!(told(&[[&mixed, &reference], [&mixed, &reference]]), Verdict::CannotBeTold);
+        // No difference is none of the size that the paper has, which lies outside the interval.
+        let same = of(&[[&mixed, &mixed], [&mixed, &mixed]]).unwrap();
+        assert_eq!(
+            (of_paper(&same, Some(-0.9)), of_paper(&same, Some(0.0))),
+            ("contradicted", "cannot be told")
+        );
         // Alike on every scene, but the seeds disagree.
         let (up, down) = (windows(&[("a/0", 21.0), ("b/0", 31.0)]), windows(&[("a/0", 19.5), ("b/0", 29.5)]));
         let found = of(&[[&up, &reference], [&down, &reference]]).unwrap();
@@ -234,6 +243,7 @@ mod tests {
         // One seed or one scene has no interval, and none in common no difference.
         let one = of(&[[&up, &reference]]).unwrap();
         assert_eq!((one.interval, one.verdict), (None, Verdict::CannotBeTold));
+        assert_eq!(of_paper(&one, Some(-0.9)), "cannot be told");
         let short = windows(&[("a/0", 25.0)]);
         assert_eq!(of(&[[&short, &reference], [&short, &reference]]).unwrap().interval, None);
         let elsewhere = windows(&[("z/0", 1.0)]);
