@@ -52,7 +52,7 @@ Checks for developers:
   python-test [--torch] [ARGUMENTS OF PYTEST]
                the Python module: wheel, fresh environment, pytest, and with torch its example
   shader NAME  a shader as it is compiled; without a name it lists them
-  tidy         rules that no compiler knows: file sizes, paths in documents, names of crates
+  tidy         rules that no compiler knows: file sizes, paths and commands in documents, names of crates
   ci           formatting, lints, tidy, tests with --gpu, documentation, packages, use from outside: all that must pass
 ";
 

@@ -1,5 +1,5 @@
-//! Gaussians as optimisers hold them: arrays of activated numbers, and the way to the stored parametrisation that the renderer
-//! differentiates.
+//! Gaussians as optimisers hold them: arrays of activated numbers. The CPU draws and differentiates them as they are; here is the way to
+//! the stored parametrisation, which a GPU gets.
 //!
 //! stored = (mean, quaternion, ln scale, logit of the opacity, SH).
 
@@ -18,15 +18,15 @@ const BLOCK: usize = 64;
 /// Numbers per Gaussian in the geometry buffer.
 const ROW: usize = Gaussians::GEOMETRY;
 
-/// Opacities are brought into this range before their logit is taken. Nothing is drawn below `alpha_min`, which is at least 1e-6,
+/// Opacities are brought into this range before they are drawn, or their logit is taken. Nothing is drawn below `alpha_min`, which is at least 1e-6,
 /// and the renderer's `alpha_max` is at most the largest number below 1: the picture is that of the limits 0 and 1.
 const OPACITIES: (f32, f32) = (f32::MIN_POSITIVE, 1.0 - f32::EPSILON / 2.0);
 
 /// N Gaussians as arrays of activated numbers, row-major, borrowed from whoever holds them.
 ///
 /// [`Rasterizer::render_activated`](crate::Rasterizer::render_activated) and
-/// [`Rasterizer::record_activated`](crate::Rasterizer::record_activated) read them in place on the CPU, and take no logarithm. A GPU gets
-/// them by [`Activated::store`], which rounds logarithms and logits: scales and opacities then have a relative error of at most 1e-6.
+/// [`Rasterizer::record_activated`](crate::Rasterizer::record_activated) read them in place on the CPU. A GPU gets them by
+/// [`Activated::store`], which rounds logarithms and logits: scales from 1e-13 to 1e13 and opacities then have a relative error of at most 1e-6.
 #[derive(Debug, Clone, Copy)]
 pub struct Activated<'a> {
     /// `[N, 3]`, scene units.
@@ -78,7 +78,7 @@ impl Colors {
 
 /// Natural logarithm of a positive number, rounded once. Without a call, so that loops over it become vector instructions.
 #[inline(always)]
-pub(crate) fn ln(x: f32) -> f32 {
+fn ln(x: f32) -> f32 {
     (math::log2(f64::from(x)) * LN_2) as f32
 }
 
@@ -90,7 +90,7 @@ pub(crate) fn inside(opacity: f32) -> f64 {
 
 /// Logit of an opacity, which is brought into [`OPACITIES`] before.
 #[inline(always)]
-pub(crate) fn logit(opacity: f32) -> f32 {
+fn logit(opacity: f32) -> f32 {
     let opacity = inside(opacity);
     (math::log2(opacity / (1.0 - opacity)) * LN_2) as f32
 }

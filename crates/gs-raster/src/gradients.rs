@@ -168,8 +168,11 @@ impl ActivatedGradients {
     /// The chain rule for colours, in place: ∂L/∂rgb = ∂L/∂dc / Y₀.
     pub(crate) fn chain_colors(&mut self, kind: Colors) {
         if kind == Colors::Rgb {
-            let divide = |chunk: &mut [f32]| chunk.iter_mut().for_each(|gradient| *gradient /= SH_C0);
-            self.colors.par_chunks_mut(CHUNK * 3).for_each(divide);
+            self.colors.par_chunks_mut(CHUNK * 3).for_each(|chunk| {
+                for gradient in chunk {
+                    *gradient = finite(f64::from(*gradient) / f64::from(SH_C0));
+                }
+            });
         }
     }
 }
@@ -178,13 +181,19 @@ impl ActivatedGradients {
 #[inline(always)]
 fn chain((by_scales, scales): (&mut [f32], &[f32]), (by_opacities, opacities): (&mut [f32], &[f32])) {
     for (gradient, scale) in by_scales.iter_mut().zip(scales) {
-        *gradient = (f64::from(*gradient) / f64::from(*scale)) as f32;
+        *gradient = finite(f64::from(*gradient) / f64::from(*scale));
     }
     for (gradient, opacity) in by_opacities.iter_mut().zip(opacities) {
         // 1 - o is exact in f64.
         let opacity = inside(*opacity);
-        *gradient = (f64::from(*gradient) / (opacity * (1.0 - opacity))) as f32;
+        *gradient = finite(f64::from(*gradient) / (opacity * (1.0 - opacity)));
     }
+}
+
+/// A number within the range of f32.
+#[inline(always)]
+fn finite(value: f64) -> f32 {
+    value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
 }
 
 /// `length` zeros, in the memory of `numbers` if that has the right length. Fresh memory is one page of zeros shown many times: to read a

@@ -30,7 +30,8 @@ use train::{Config, Ranks, Trainer};
 ///
 /// Rows are trained one after the other into --output and resume after an interruption; --shard shares them out among processes or machines. If the
 /// paper's method is among the rows, the others are compared with it on the same windows: their differences with 95 % intervals over scenes and training
-/// seeds (at least two), and whether the two can be told apart. The intervals are of single rows: of twenty rows that are alike, one is told apart by chance.
+/// seeds (at least two), and whether the two can be told apart. All rows of a run estimate together what a training seed changes, as if it changed each as
+/// much. The intervals are of single rows: of twenty rows that are alike, one is told apart by chance.
 /// The paper's figures stand beside ours; they come from another data set and some hundred times the training, so compare the order.
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
@@ -130,7 +131,7 @@ struct Compared {
     #[serde(flatten)]
     difference: Difference,
     psnr_difference_paper: Option<f64>,
-    /// Whether our difference confirms the paper's: `confirmed`, `contradicted`, `cannot be told`, or `-` where the paper has none.
+    /// Whether our difference confirms the paper's ([`compare::of_paper`]): `confirmed`, `contradicted`, `cannot be told`, or `-` where the paper has none.
     claim_of_paper: &'static str,
 }
 

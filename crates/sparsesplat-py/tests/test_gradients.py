@@ -188,7 +188,7 @@ def test_a_change_that_is_not_seen_ends_well():
 def test_by_what_a_scene_stores():
     arrays, views = scene(10, sh_degree=2), cameras(2)
     stored = ss.Scene(**arrays, sh_degree=2)
-    settings = dict(near_plane=0.01, device="cpu", render_mode="RGB+D", backgrounds=np.float32([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]))
+    settings = dict(SMOOTH, near_plane=0.01, device="cpu", render_mode="RGB+D", backgrounds=np.float32([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]))
     colors, alphas, _, tape = stored.record(**views, **settings)
     again, _, _, of_arrays = ss.record(**arrays, **views, **settings, sh_degree=2)
     assert (stored.render(**views, **settings)[0] == colors).all()

@@ -320,7 +320,10 @@ mod tests {
     fn knees_and_shares_are_said_in_words() {
         let summary = summary(&[20.0, 22.8, 23.0], 22.9);
         let said = statements(&summary).join("\n");
-        assert!(said.contains("entropy-10k costs 0.20 dB against the best (entropy-100k)"), "{said}");
+        assert!(
+            said.contains("most after entropy-10k: it is 0.20 dB below the best count (entropy-100k)"),
+            "{said}"
+        );
         assert!(said.contains("saves 90 000 Gaussians (90.0 %)"), "{said}");
         assert!(
             said.contains("entropy reaches the pixel-aligned PSNR (22.90 dB) at 31 623 Gaussians"),

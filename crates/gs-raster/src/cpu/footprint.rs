@@ -244,7 +244,7 @@ pub(super) struct Footprint {
     /// x/z and y/z, as they are and as they enter the Jacobian.
     pub(super) slope: [f64; 2],
     pub(super) clamped: [f64; 2],
-    /// Length of the stored quaternion, which is of unit length in `quaternion`.
+    /// Length of the given quaternion, which is of unit length in `quaternion`.
     pub(super) norm: f64,
     pub(super) quaternion: DQuat,
     /// Columns: the Gaussian's axes in the world.

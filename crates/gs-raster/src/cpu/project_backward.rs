@@ -1,4 +1,4 @@
-//! From sums per splat to gradients with respect to the stored parameters and the pose: [`Footprint`] and the colours backwards, in f64.
+//! From sums per splat to gradients with respect to the numbers of the source and the pose: [`Footprint`] and the colours backwards, in f64.
 
 use super::blend::Lists;
 use super::blend_backward::{MOMENTS, SHARES, Summed, finite};

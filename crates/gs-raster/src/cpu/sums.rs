@@ -42,7 +42,7 @@ impl Sums<'_> {
         }
     }
 
-    /// Adds what stands at `place` of the columns of stored geometry to the sums of a Gaussian.
+    /// Adds what stands at `place` of the columns of geometry to the sums of a Gaussian.
     #[inline(always)]
     pub(super) fn add_geometry(
         &mut self,

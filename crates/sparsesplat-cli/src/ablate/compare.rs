@@ -2,7 +2,7 @@
 
 use scene_windows::scene_of;
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A window's held-out PSNR, dB, by the name of the window.
 pub(super) type ByWindow = BTreeMap<String, f64>;
@@ -33,7 +33,8 @@ pub(super) enum Verdict {
 }
 
 /// What a difference says of that of the paper. It confirms the paper's if it has the same sign and excludes zero. It contradicts the paper's if it has the
-/// other sign, or if its interval holds zero and excludes the paper's.
+/// other sign, or if one of the two is zero: the paper's, and ours
+/// excludes zero, or ours, whose interval holds zero and excludes the paper's.
 pub(super) fn of_paper(difference: &Difference, in_paper: Option<f64>) -> &'static str {
     let Some(in_paper) = in_paper else { return "-" };
     let is_excluded = difference.interval.is_some_and(|half| (difference.mean - in_paper).abs() > half);
@@ -114,10 +115,11 @@ type Estimate = (f64, f64);
 /// The variance that a training seed gives a row, beyond what it gives all rows alike: that of the residuals of the table of rows and seeds without the
 /// means of its rows and columns. The reference is a row of zeros in it. Of rows that have every seed; None if there is none, or one seed.
 fn of_seeds<'a>(rows: impl Iterator<Item = &'a BTreeMap<u64, f64>> + Clone) -> Option<Estimate> {
-    let seed_count = rows.clone().map(BTreeMap::len).max()?;
+    let seeds: BTreeSet<u64> = rows.clone().flat_map(|row| row.keys().copied()).collect();
+    let seed_count = seeds.len();
     let rows = rows.filter(|row| row.len() == seed_count).map(|row| row.values().copied().collect());
     let table: Vec<Vec<f64>> = std::iter::once(vec![0.0; seed_count]).chain(rows).collect();
-    let degrees = ((table.len() - 1) * (seed_count - 1)) as f64;
+    let degrees = ((table.len() - 1) * seed_count.saturating_sub(1)) as f64;
     let of_seed: Vec<f64> = (0..seed_count).map(|seed| mean_of(table.iter().map(|row| row[seed]))).collect();
     let whole = mean_of(of_seed.iter().copied());
     let squares = table.iter().map(|row| {
@@ -142,8 +144,11 @@ fn half_interval(means: &Means, of_seeds: Option<Estimate>) -> Option<f64> {
     let (of_seeds, degrees) = of_seeds.map(|(one, degrees)| (2.0 * one / seed_count as f64, degrees))?;
     let variance = of_scenes + of_seeds;
     let spread = of_scenes * of_scenes / (n - 1.0) + of_seeds * of_seeds / degrees;
-    let degrees =
-        if spread > 0.0 { (variance * variance / spread).floor() as usize } else { scenes.len() - 1 };
+    let degrees = if spread > 0.0 {
+        (variance * variance / spread * (1.0 + 1e-9)).floor() as usize
+    } else {
+        scenes.len() - 1
+    };
     Some(quantile(degrees.max(1)) * variance.sqrt())
 }
 
@@ -216,11 +221,27 @@ mod tests {
             assert!((found.mean - mean).abs() < 1e-9, "{found:?}");
             assert!((found.interval.unwrap() - half).abs() < 1e-3, "{found:?}, {half}");
         }
-        // A row with fewer seeds has no part in the estimate.
-        let short = pairs(&[[&up, &reference]]);
-        let with_short = differences(&[rows[0].clone(), rows[1].clone(), short]);
-        assert_eq!(with_short[..2], found[..]);
-        assert_eq!(with_short[2].as_ref().unwrap().interval, None);
+        // A row with fewer seeds has no part in the estimate, and uses it.
+        let middle = scenes(21.1);
+        let rows = [
+            pairs(&[[&up, &reference], [&more, &reference], [&middle, &reference]]),
+            pairs(&[[&down, &reference]; 3]),
+            pairs(&[[&up, &reference], [&more, &reference]]),
+            pairs(&[[&up, &reference]]),
+        ];
+        // Residuals of the first row are two thirds of -0.1, 0.1 and 0, of the others a third: squares 0.02 · 6/9 over 4 degrees of freedom, 0.003333.
+        let half = |seeds: f64| 2.776 * (2.0_f64 * 0.003_333 / seeds).sqrt();
+        let found = differences(&rows);
+        let interval = |row: usize| found[row].as_ref().unwrap().interval;
+        for (row, seeds) in [(0, 3.0), (1, 3.0), (2, 2.0)] {
+            assert!((interval(row).unwrap() - half(seeds)).abs() < 1e-3, "{row}: {found:?}");
+        }
+        assert_eq!(interval(3), None);
+        // Seeds that only one of two rows has: neither has all.
+        let [one, other] = [[7, 8], [7, 9]].map(|seeds| {
+            seeds.into_iter().zip([[&up, &reference], [&more, &reference]]).collect::<Pairs<'_>>()
+        });
+        assert!(differences(&[one, other]).iter().flatten().all(|found| found.interval.is_none()));
     }
 
     #[test]
@@ -229,6 +250,12 @@ mod tests {
         let mixed = windows(&[("a/0", 21.0), ("b/0", 29.5)]);
         let told = |seeds: &[[&ByWindow; 2]]| of(seeds).unwrap().verdict;
         assert_eq!(told(&[[&mixed, &reference], [&mixed, &reference]]), Verdict::CannotBeTold);
+        let wide = of(&[[&mixed, &reference], [&mixed, &reference]]).unwrap();
+        for (in_paper, expected) in
+            [(0.5, "cannot be told"), (100.0, "contradicted"), (-100.0, "contradicted")]
+        {
+            assert_eq!(of_paper(&wide, Some(in_paper)), expected, "{wide:?}");
+        }
         // No difference is none of the size that the paper has, which lies outside the interval.
         let same = of(&[[&mixed, &mixed], [&mixed, &mixed]]).unwrap();
         assert_eq!(

@@ -4,12 +4,13 @@ use super::{Arrays, Field};
 use crate::check::settings;
 use crate::losses::{compare_gradients, pixels};
 use crate::scenes::{camera, gaussians};
+use glam::{DMat3, DVec3};
 use gs_raster::{
     ActivatedGradients, Colors, Gradients, PixelGradients, Rasterizer, RenderSettings, Rendering, Style,
 };
 use gs_reference::tolerance::{AMBIGUOUS, f32_bound};
 use gs_reference::{Profile, compare};
-use gs_scene::{LOG_SCALE, OPACITY_LOGIT};
+use gs_scene::{Camera, Intrinsics, LOG_SCALE, OPACITY_LOGIT};
 use proptest::prelude::*;
 
 impl Arrays {
@@ -51,7 +52,7 @@ fn kind(degree: usize, choice: usize) -> Colors {
 }
 
 /// Some derivatives by every pixel.
-fn weights(camera: &gs_scene::Camera) -> PixelGradients<'static> {
+fn weights(camera: &Camera) -> PixelGradients<'static> {
     let plane = |channels: usize| -> Vec<f32> {
         let n = camera.width() * camera.height() * channels;
         (0..n).map(|i| ((i * 7 + channels) % 13) as f32 / 13.0 - 0.4).collect()
@@ -69,14 +70,12 @@ proptest! {
 
     #[test]
     fn arrays_in_place_equal_what_is_stored_to_the_bit_where_logarithms_are_exact(
-        scene in gaussians(200), camera in camera(), choice in 0usize..3, antialias: bool, solid: bool,
+        scene in gaussians(200), camera in camera(), choice in 0usize..3, antialias: bool,
     ) {
         let arrays = Arrays::of(&scene, kind(scene.sh_degree(), choice)).with_exact_logarithms();
         let stored = arrays.store().expect("valid");
         let profile = Profile { antialias, ..Profile::default() };
         let settings = settings(&profile, [0.2, 0.5, 0.9]);
-        let style = if solid { Style::Ellipsoids } else { Style::Blended };
-        let settings = RenderSettings { style, ..settings };
         let mut rasterizer = Rasterizer::cpu();
         let expected = rasterizer.render(&stored, &camera, &settings).expect("valid");
         let found = rasterizer.render_activated(&arrays.view(), &[camera, camera], &settings).expect("valid");
@@ -176,10 +175,52 @@ proptest! {
 }
 
 #[test]
-fn gradients_of_activated_gaussians_agree_with_central_differences() {
-    // Through the renderer: one large Gaussian in the middle of the view, a loss by all pixels.
-    let lens = gs_scene::Intrinsics { fx: 20.0, fy: 20.0, cx: 8.0, cy: 8.0, width: 16, height: 16 };
-    let camera = gs_scene::Camera::new(lens, glam::DMat3::IDENTITY, glam::DVec3::ZERO).unwrap();
+fn ellipsoids_of_arrays_are_those_of_what_is_stored() {
+    let (camera, arrays) = one();
+    let settings = RenderSettings { style: Style::Ellipsoids, ..RenderSettings::default() };
+    let mut rasterizer = Rasterizer::cpu();
+    let found = rasterizer.render_activated(&arrays.view(), &[camera], &settings).unwrap();
+    let expected = rasterizer.render(&arrays.store().unwrap(), &camera, &settings).unwrap();
+    assert!(expected.alpha.iter().any(|alpha| *alpha > 0.0));
+    assert_eq!(bits(&found[0]), bits(&expected));
+}
+
+#[test]
+fn limits_of_opacities_and_scales_have_finite_gradients() {
+    let (camera, arrays) = one();
+    let mut rasterizer = Rasterizer::cpu();
+    let mut found = |arrays: &Arrays, weight: f32| {
+        let (views, tape) =
+            rasterizer.record_activated(&arrays.view(), &[camera], &RenderSettings::default()).unwrap();
+        assert!(views[0].image.data().iter().all(|value| value.is_finite()));
+        let pixels = PixelGradients { image: vec![weight; 16 * 16 * 3].into(), alpha: None, depth: None };
+        rasterizer.backward_activated(&arrays.view(), &tape, &[pixels]).unwrap()
+    };
+    let mut by_opacity = |opacity: f32| {
+        let arrays = Arrays { opacities: vec![opacity], ..arrays.clone() };
+        found(&arrays, 1.0).opacities[0]
+    };
+    let (at_one, near_one) = (by_opacity(1.0), by_opacity(0.9999));
+    assert!((at_one / near_one - 1.0).abs() < 1e-2, "{at_one} {near_one}");
+    assert_eq!(by_opacity(0.0), 0.0);
+    for scale in [f32::from_bits(1), f32::MIN_POSITIVE, 1e30, f32::MAX] {
+        for axis in 0..3 {
+            let mut arrays = arrays.clone();
+            arrays.scales[axis] = scale;
+            for weight in [1.0, f32::MAX] {
+                let found = found(&arrays, weight);
+                let gradients = [&found.means, &found.quats, &found.scales, &found.opacities, &found.colors];
+                assert!(gradients.into_iter().flatten().all(|value| value.is_finite()), "{scale}: {found:?}");
+                // A standard deviation beyond the limit is drawn as the limit.
+                assert!(scale < 1.0 || found.scales[axis] == 0.0, "{scale}: {found:?}");
+            }
+        }
+    }
+}
+
+/// One large Gaussian in the middle of a view.
+fn one() -> (Camera, Arrays) {
+    let lens = Intrinsics { fx: 20.0, fy: 20.0, cx: 8.0, cy: 8.0, width: 16, height: 16 };
     let arrays = Arrays {
         means: vec![0.1, -0.1, 3.0],
         quats: vec![0.9, 0.1, -0.2, 0.3],
@@ -188,6 +229,13 @@ fn gradients_of_activated_gaussians_agree_with_central_differences() {
         colors: vec![0.8, 0.3, 0.5],
         kind: Colors::Rgb,
     };
+    (Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).expect("a valid camera"), arrays)
+}
+
+#[test]
+fn gradients_of_activated_gaussians_agree_with_central_differences() {
+    // Through the renderer, a loss by all pixels.
+    let (camera, arrays) = one();
     let weights: Vec<f32> = (0..16 * 16 * 3).map(|i| 0.2 + (i * 7 % 13) as f32 / 15.0).collect();
     // Thresholds cut tails off: steps of the picture that a difference sees and a gradient does not. They are low here.
     let settings = RenderSettings {
