@@ -190,10 +190,10 @@ fn chain((by_scales, scales): (&mut [f32], &[f32]), (by_opacities, opacities): (
     }
 }
 
-/// A number within the range of f32.
+/// A number as f32: at most the largest there is, and 0 for what is none.
 #[inline(always)]
-fn finite(value: f64) -> f32 {
-    value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
+pub(crate) fn finite(value: f64) -> f32 {
+    if value.is_nan() { 0.0 } else { value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32 }
 }
 
 /// `length` zeros, in the memory of `numbers` if that has the right length. Fresh memory is one page of zeros shown many times: to read a

@@ -11,7 +11,7 @@ use super::blend::{
 };
 use super::project::{BATCH, Splat};
 use super::{Grid, TILE};
-use crate::gradients::largest_magnitude;
+use crate::gradients::{finite, largest_magnitude};
 use crate::{PixelGradients, RenderSettings};
 use cpu_kernels::dispatch;
 use cpu_kernels::pulp::{Simd, WithSimd};
@@ -117,12 +117,6 @@ fn entries(buffer: &mut Vec<Moments>, count: usize) -> &mut [Moments] {
         *buffer = vec![[0.0; MOMENTS]; count];
     }
     &mut buffer[..count]
-}
-
-/// A number as f32: at most the largest there is, and 0 for what is none.
-#[inline(always)]
-pub(super) fn finite(value: f64) -> f32 {
-    if value.is_nan() { 0.0 } else { value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32 }
 }
 
 /// The power of two in which gradients by pixels are at most 2⁻²³.

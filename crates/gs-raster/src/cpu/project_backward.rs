@@ -1,11 +1,12 @@
 //! From sums per splat to gradients with respect to the numbers of the source and the pose: [`Footprint`] and the colours backwards, in f64.
 
 use super::blend::Lists;
-use super::blend_backward::{MOMENTS, SHARES, Summed, finite};
+use super::blend_backward::{MOMENTS, SHARES, Summed};
 use super::footprint::{Activations, BLOCK, Columns, Footprint, View};
 use super::project::{CHUNK, Splat};
 use super::sums::{Sums, add};
 use super::{Source, sh};
+use crate::gradients::finite;
 use crate::{CameraGradient, RenderSettings};
 use cpu_kernels::{Isa, compiled_for};
 use glam::{DMat3, DQuat, DVec3};

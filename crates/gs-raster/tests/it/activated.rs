@@ -103,6 +103,31 @@ fn what_is_stored_activates_to_what_was_given() {
 /// One of the arrays.
 type Field = fn(&mut Arrays) -> &mut Vec<f32>;
 
+/// Asserts that gradients by some of the arrays agree with central differences of a loss, of this step and to this share.
+fn agree_with_differences(
+    arrays: &Arrays,
+    fields: &[(Field, &Vec<f32>)],
+    loss: impl Fn(&Arrays) -> f64,
+    (step, share): (f32, f64),
+) {
+    for (field, by_field) in fields {
+        for (place, &gradient) in by_field.iter().enumerate() {
+            let at = |step: f32| {
+                let mut moved = arrays.clone();
+                field(&mut moved)[place] += step;
+                loss(&moved)
+            };
+            let expected = (at(step) - at(-step)) / (2.0 * f64::from(step));
+            let error = (f64::from(gradient) - expected).abs();
+            assert!(
+                error < share * expected.abs().max(1.0),
+                "{:?} {place}: {gradient}, differences say {expected}",
+                arrays.kind
+            );
+        }
+    }
+}
+
 #[test]
 fn the_chain_rule_agrees_with_central_differences() {
     for kind in KINDS {
@@ -125,22 +150,7 @@ fn the_chain_rule_agrees_with_central_differences() {
             (|arrays| &mut arrays.opacities, &found.opacities),
             (|arrays| &mut arrays.colors, &found.colors),
         ];
-        for (field, by_field) in fields {
-            for (place, &gradient) in by_field.iter().enumerate() {
-                let at = |step: f32| {
-                    let mut moved = Arrays::new(kind);
-                    field(&mut moved)[place] += step;
-                    loss(&moved)
-                };
-                let step = 1e-3;
-                let expected = (at(step) - at(-step)) / (2.0 * f64::from(step));
-                let error = (f64::from(gradient) - expected).abs();
-                assert!(
-                    error < 2e-3 * expected.abs().max(1.0),
-                    "{kind:?} {place}: {gradient}, differences say {expected}"
-                );
-            }
-        }
+        agree_with_differences(&arrays, &fields, loss, (1e-3, 2e-3));
     }
 }
 

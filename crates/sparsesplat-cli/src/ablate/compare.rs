@@ -32,9 +32,8 @@ pub(super) enum Verdict {
     CannotBeTold,
 }
 
-/// What a difference says of that of the paper. It confirms the paper's if it has the same sign and excludes zero. It contradicts the paper's if it has the
-/// other sign, or if one of the two is zero: the paper's, and ours
-/// excludes zero, or ours, whose interval holds zero and excludes the paper's.
+/// What a difference says of that of the paper. It confirms the paper's if its interval excludes zero on the paper's side. It contradicts the paper's if its
+/// interval excludes zero otherwise, or holds zero and excludes the paper's. Else it cannot be told.
 pub(super) fn of_paper(difference: &Difference, in_paper: Option<f64>) -> &'static str {
     let Some(in_paper) = in_paper else { return "-" };
     let is_excluded = difference.interval.is_some_and(|half| (difference.mean - in_paper).abs() > half);

@@ -1,6 +1,6 @@
 //! Arrays in place beside what is stored of them, beside the reference, and beside differences.
 
-use super::{Arrays, Field};
+use super::{Arrays, Field, agree_with_differences};
 use crate::check::settings;
 use crate::losses::{compare_gradients, pixels};
 use crate::scenes::{camera, gaussians};
@@ -257,21 +257,6 @@ fn gradients_of_activated_gaussians_agree_with_central_differences() {
         (|arrays| &mut arrays.opacities, &found.opacities),
         (|arrays| &mut arrays.colors, &found.colors),
     ];
-    for (field, by_field) in fields {
-        for (place, &gradient) in by_field.iter().enumerate() {
-            let at = |step: f32| {
-                let mut moved = arrays.clone();
-                field(&mut moved)[place] += step;
-                loss(&moved)
-            };
-            let step = 1.0 / 256.0;
-            let expected = (at(step) - at(-step)) / (2.0 * f64::from(step));
-            let error = (f64::from(gradient) - expected).abs();
-            // The second derivative over a step of 1/256, and single pixels of 1e-6 at the rim.
-            assert!(
-                error < 2e-2 * expected.abs().max(1.0),
-                "{place}: {gradient}, differences say {expected}"
-            );
-        }
-    }
+    // The second derivative over a step of 1/256, and single pixels of 1e-6 at the rim.
+    agree_with_differences(&arrays, &fields, loss, (1.0 / 256.0, 2e-2));
 }
