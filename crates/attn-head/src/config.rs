@@ -7,12 +7,12 @@ pub const WIDTH: usize = 128;
 pub const HEADS: usize = 4;
 /// Width of one attention head.
 pub const HEAD_WIDTH: usize = WIDTH / HEADS;
-/// Layers that look at neighbours.
-pub const LAYERS: usize = 3;
 /// Outputs per anchor: opacity 1, scale 3, rotation 4, SH of degree 2 27, offset 3.
 pub const OUTPUTS: usize = 38;
 /// What is left of a neighbour before [`Kind::Mlp`] concatenates them all.
 pub const MESSAGE: usize = 16;
+/// Numbers of an anchor of which [`Kind::Grid`] takes the mean over a cell, for the fine cells and for the coarse ones each.
+pub const CELL: usize = 32;
 
 /// Largest number of features of either sort, well above what backbones have. It keeps a damaged file from asking for
 /// all memory.
@@ -32,11 +32,25 @@ pub enum Kind {
     EdgeConv,
     /// Maximum over neighbours as in PointNet.
     MaxPool,
+    /// Means over the cells of a fine and a coarse grid, as in LoCoSplat (arXiv 2610.04351): one narrower layer, and no neighbours.
+    Grid,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 4] = [Self::Attention, Self::Mlp, Self::EdgeConv, Self::MaxPool];
+    pub const ALL: [Self; 5] = [Self::Attention, Self::Mlp, Self::EdgeConv, Self::MaxPool, Self::Grid];
+
+    /// Layers that look at other anchors.
+    #[must_use]
+    pub fn layers(self) -> usize {
+        if self == Self::Grid { 1 } else { 3 }
+    }
+
+    /// Width of the hidden layer of a block's perceptron.
+    #[must_use]
+    pub fn hidden(self) -> usize {
+        if self == Self::Grid { 320 } else { 4 * WIDTH }
+    }
 }
 
 /// Shape of a head.
@@ -49,7 +63,7 @@ pub struct Config {
     pub geometry: usize,
     /// Image features v per anchor, 1 to 4096.
     pub image: usize,
-    /// Neighbours K that the head is trained with, up to 1024. All but the MLP take any number.
+    /// Neighbours K that the head is trained with, up to 1024. All but the MLP take any number; the grid does not look at them.
     pub neighbours: usize,
 }
 

@@ -58,6 +58,16 @@ pub enum Error {
         /// Number of anchors.
         n: usize,
     },
+    /// A cell that no anchor names.
+    #[error("anchor {anchor} lies in cell {found}, expected an index below {n}")]
+    Cell {
+        /// Which anchor.
+        anchor: usize,
+        /// Its cell.
+        found: u32,
+        /// Number of anchors.
+        n: usize,
+    },
     /// Another number of neighbours than the MLP's input has places for.
     #[error("{found} neighbours per anchor: this head is an MLP over exactly {expected}")]
     NeighboursFixed {

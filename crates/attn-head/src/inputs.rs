@@ -1,4 +1,4 @@
-use crate::{Config, Error, Result};
+use crate::{Config, Error, Kind, Result};
 
 /// What a head sees of `n` anchors with `k` neighbours each.
 #[derive(Debug, Clone, Copy)]
@@ -16,6 +16,9 @@ pub struct Inputs<'a> {
     /// Where each neighbour lies as seen from its anchor, p_j - p_i, `[n, k, 3]`; in whatever frame and unit the
     /// head is trained with. That of the anchor itself, 0, is not stored.
     pub relative: &'a [[f32; 3]],
+    /// The fine and the coarse cell of a grid that each anchor lies in, `[n, 2]`; a cell is named by any anchor, the same for all that lie
+    /// in it. Only [`Kind::Grid`] looks at them: others take none as well.
+    pub cells: &'a [[u32; 2]],
 }
 
 impl Inputs<'_> {
@@ -40,6 +43,7 @@ impl Inputs<'_> {
             }
         }
         check_neighbours(self.neighbours, n, k)?;
+        check_cells(config, self.cells, n)?;
         let values = [
             ("geometry", self.geometry, config.geometry),
             ("image", self.image, config.image),
@@ -51,6 +55,17 @@ impl Inputs<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// That every anchor has its cells, if the head looks at them, and that they are named by anchors.
+pub(crate) fn check_cells(config: &Config, cells: &[[u32; 2]], n: usize) -> Result<()> {
+    if cells.len() != n && (config.kind == Kind::Grid || !cells.is_empty()) {
+        return Err(Error::Length { what: "cells", expected: n, found: cells.len() });
+    }
+    match cells.iter().flatten().position(|&cell| cell as usize >= n) {
+        Some(at) => Err(Error::Cell { anchor: at / 2, found: cells[at / 2][at % 2], n }),
+        None => Ok(()),
     }
 }
 

@@ -1,4 +1,4 @@
-use crate::{Config, Kind, LAYERS, MESSAGE, OUTPUTS, WIDTH};
+use crate::{CELL, Config, Kind, MESSAGE, OUTPUTS, WIDTH};
 
 /// Name of the last layer, whose weight and bias have a row per output.
 pub const LAST_LAYER: &str = "out.2";
@@ -48,7 +48,7 @@ impl Layout {
         layout.linear("phi_g.2", WIDTH / 2, WIDTH / 2);
         layout.linear("phi_v.0", config.image, WIDTH / 2);
         layout.linear("phi_v.2", WIDTH / 2, WIDTH / 2);
-        (0..LAYERS).for_each(|layer| layout.block(config, &format!("blocks.{layer}")));
+        (0..config.kind.layers()).for_each(|layer| layout.block(config, &format!("blocks.{layer}")));
         layout.norm("norm");
         layout.linear("out.0", WIDTH, WIDTH);
         layout.linear(LAST_LAYER, WIDTH, OUTPUTS);
@@ -84,10 +84,14 @@ impl Layout {
                 self.linear(&format!("{block}.mix.0"), inputs, WIDTH);
                 self.linear(&format!("{block}.mix.2"), WIDTH, WIDTH);
             }
+            Kind::Grid => {
+                self.linear(&format!("{block}.cell"), WIDTH, 2 * CELL);
+                self.linear(&format!("{block}.join"), 2 * CELL, WIDTH);
+            }
         }
         self.norm(&format!("{block}.norm2"));
-        self.linear(&format!("{block}.ffn.0"), WIDTH, 4 * WIDTH);
-        self.linear(&format!("{block}.ffn.2"), 4 * WIDTH, WIDTH);
+        self.linear(&format!("{block}.ffn.0"), WIDTH, config.kind.hidden());
+        self.linear(&format!("{block}.ffn.2"), config.kind.hidden(), WIDTH);
     }
 
     fn push(&mut self, name: String, shape: Vec<usize>) {
@@ -126,6 +130,8 @@ mod tests {
             assert_eq!(end, layout.len);
             sizes.push(layout.len);
         }
+        // The grid is small on purpose.
+        assert_eq!(sizes.pop(), Some(134_246));
         let (least, most) = (sizes.iter().min().unwrap(), sizes.iter().max().unwrap());
         assert!(*most < *least * 5 / 4, "{sizes:?}");
     }

@@ -185,6 +185,7 @@ mod tests {
                     image: &image,
                     neighbours: &neighbours,
                     relative: &relative,
+                    cells: &[[0, 0], [0, 0], [2, 0]],
                 };
                 Head::new(weights).unwrap().run(&inputs).unwrap()
             };

@@ -56,8 +56,16 @@ fn peak(kind: Kind, pass: Pass, n: usize, k: usize) -> usize {
     let image: Vec<f32> = (0..n * config.image).map(number).collect();
     let neighbours: Vec<u32> = (0..n * k).map(|i| ((i / k + i % k) % n) as u32).collect();
     let relative: Vec<[f32; 3]> = (0..n * k).map(|i| [number(i), number(i + 5), number(i + 9)]).collect();
-    let inputs =
-        Inputs { n, k, geometry: &geometry, image: &image, neighbours: &neighbours, relative: &relative };
+    let cells: Vec<[u32; 2]> = (0..n as u32).map(|i| [i / 20, i / 300]).collect();
+    let inputs = Inputs {
+        n,
+        k,
+        geometry: &geometry,
+        image: &image,
+        neighbours: &neighbours,
+        relative: &relative,
+        cells: &cells,
+    };
     let grad = vec![1.0; n * OUTPUTS];
     let before = IN_USE.load(Relaxed);
     PEAK.store(before, Relaxed);

@@ -4,7 +4,7 @@
 //! The paper has no such stage; ReSplat (arXiv 2510.08575) feeds errors of renderings back through a network instead. Held-out views are
 //! never seen.
 
-use crate::{Config, Error, Exposure, ExposureGain, Result, Stage, Stages};
+use crate::{Anchored, Config, Error, Exposure, ExposureGain, Result, Stage, Stages};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
 use std::borrow::Cow;
@@ -17,26 +17,41 @@ pub(crate) fn look(
     config: &Config,
     stages: &mut Stages<'_>,
 ) -> Result<Gaussians> {
-    let rounds = config.looks.saturating_sub(1);
-    if rounds == 0 || gaussians.is_empty() {
+    if config.looks < 2 || gaussians.is_empty() {
         return Ok(gaussians);
     }
-    stages.run(Stage::Looks, || rounds_of_steps(gaussians, views, exposure, (rounds, config)))
+    stages.run(Stage::Looks, || {
+        let differ = differ(exposure);
+        let mut views = Cow::Borrowed(views);
+        if differ && config.exposure == Exposure::Common {
+            views.to_mut().iter_mut().zip(exposure).for_each(|(view, exposure)| exposure.apply(view));
+        }
+        rounds_of_steps(gaussians, &views, differ, config.looks - 1)
+    })
 }
 
-fn rounds_of_steps(
-    gaussians: Gaussians,
-    views: &[View],
-    exposure: &[ExposureGain],
-    (rounds, config): (usize, &Config),
-) -> Result<Gaussians> {
-    let differ = exposure.iter().any(|&view| view != ExposureGain::NONE);
-    let mut views = Cow::Borrowed(views);
-    if differ && config.exposure == Exposure::Common {
-        views.to_mut().iter_mut().zip(exposure).for_each(|(view, exposure)| exposure.apply(view));
+impl Anchored {
+    /// Gaussians made of these anchors, in the common exposure, after `looks` looks at the views: the first is the head's, and the others change
+    /// them as a prediction does. For training a head with the looks in view.
+    ///
+    /// # Errors
+    /// If the Gaussians cannot be rendered.
+    pub fn looked(&self, gaussians: Gaussians, looks: usize) -> Result<Gaussians> {
+        if looks < 2 || gaussians.is_empty() {
+            return Ok(gaussians);
+        }
+        rounds_of_steps(gaussians, &self.views, differ(&self.exposure), looks - 1)
     }
+}
+
+/// Whether the photographs had more than one exposure.
+fn differ(exposure: &[ExposureGain]) -> bool {
+    exposure.iter().any(|&view| view != ExposureGain::NONE)
+}
+
+fn rounds_of_steps(gaussians: Gaussians, views: &[View], differ: bool, rounds: usize) -> Result<Gaussians> {
     // The order of the views is always the same: a pass that takes all pixels does not depend on a seed.
     let settings = refine::Config { exposure: differ, ..refine::Config::rounds(rounds, views.len()) };
-    let refined = refine::refine(gaussians, &views, &settings, &mut Rasterizer::cpu(), &mut |_| {});
+    let refined = refine::refine(gaussians, views, &settings, &mut Rasterizer::cpu(), &mut |_| {});
     refined.map(|refined| refined.gaussians).map_err(|error| Error::Looks(Box::new(error)))
 }

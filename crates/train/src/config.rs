@@ -19,6 +19,10 @@ pub struct Config {
     /// Whether the head sees feedback: what rendering the closed form into the context views says of each anchor. Without it, as in the
     /// paper, it is faster and worse.
     pub feedback: bool,
+    /// Looks at the context views before Gaussians are compared, 1 or more: the head's own, and further ones as after it in a prediction. The
+    /// derivative of the loss by what the looks make is taken for that by what the head makes (first order, as in ForeSplat,
+    /// arXiv 2605.22020).
+    pub looks: usize,
     /// Which pixels become anchors.
     pub allocation: Allocation,
     /// How pixels are drawn.
@@ -61,6 +65,7 @@ impl Default for Config {
             neighbours: 20,
             covisible: 0,
             feedback: true,
+            looks: 1,
             allocation: Allocation::Entropy,
             sampler: Sampler::Fixed,
             density: [0.01, 0.25],
@@ -110,6 +115,9 @@ impl Config {
         }
         if self.covisible > self.neighbours {
             return refuse("covisible", self.covisible.to_string(), "at most `neighbours`");
+        }
+        if self.looks == 0 {
+            return refuse("looks", "0".to_owned(), "1 or more: the first is the head's");
         }
         if self.batch > LARGEST_BATCH {
             return refuse(

@@ -29,6 +29,7 @@ impl Net {
             k: inputs.k,
             neighbours: inputs.neighbours.into(),
             relative: inputs.relative.into(),
+            cells: inputs.cells.into(),
         };
         Ok(fused::apply(&self.config, weights, &geometry, &image, &neighbourhood)?)
     }

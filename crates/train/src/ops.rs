@@ -32,7 +32,7 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 }
 
 /// Rows `[n, 38]` of Gaussians.
-fn rows(gaussians: &Gaussians) -> Vec<f32> {
+pub(crate) fn rows(gaussians: &Gaussians) -> Vec<f32> {
     let geometry = gaussians.geometry().chunks_exact(Gaussians::GEOMETRY);
     let sh = gaussians.sh().chunks_exact(ROW - Gaussians::GEOMETRY);
     geometry.zip(sh).flat_map(|(geometry, sh)| geometry.iter().chain(sh)).copied().collect()
@@ -72,6 +72,12 @@ impl CustomOp1 for Decode {
     }
 }
 
+/// Gaussians of rows `[n, 38]`.
+pub(crate) fn gaussians(rows: &[f32]) -> Result<Gaussians> {
+    let (geometry, sh) = split(rows);
+    Gaussians::new(DEGREE, geometry, sh).map_err(candle_core::Error::wrap)
+}
+
 /// Gaussians `[n, 38]` to a picture `[height, width, 3]`.
 pub(crate) struct Render {
     pub(crate) rasterizer: Arc<Mutex<Rasterizer>>,
@@ -87,8 +93,7 @@ impl CustomOp1 for Render {
     }
 
     fn cpu_fwd(&self, storage: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
-        let (geometry, sh) = split(numbers(storage, layout)?);
-        let gaussians = Gaussians::new(DEGREE, geometry, sh).map_err(candle_core::Error::wrap)?;
+        let gaussians = gaussians(numbers(storage, layout)?)?;
         let camera = std::slice::from_ref(&self.camera);
         let (renderings, tape) = lock(&self.rasterizer)
             .record(&gaussians, camera, &self.settings)

@@ -6,7 +6,7 @@ use crate::disturb::disturbed;
 use crate::draw::{Stream, bits, some, unit};
 use crate::loss::{Loss, clipped_mse};
 use crate::net::Net;
-use crate::ops::{Decode, Render, lock, values};
+use crate::ops::{Decode, Render, gaussians, lock, rows, values};
 use crate::recolour::recoloured;
 use crate::{Case, Cases, Config, Error, Ranks, Result, photographs};
 use attn_head::{LAST_LAYER, Layout, OUTPUTS, Weights};
@@ -356,7 +356,7 @@ impl Trainer {
             decoder: Arc::new(anchored.decoder(self.config.parametrisation)),
             shell: Arc::new(anchored.shell.clone()),
         };
-        let gaussians = outputs.apply_op1(decode)?;
+        let made = self.looked(&anchored, outputs.apply_op1(decode)?)?;
         let mut total: Option<Tensor> = None;
         let mut mse = Vec::new();
         for &(view, unknown) in &views {
@@ -366,7 +366,7 @@ impl Trainer {
                 settings: settings(&anchored, view),
                 tape: Mutex::default(),
             };
-            let picture = gaussians.apply_op1(render)?;
+            let picture = made.apply_op1(render)?;
             let rendering = values(&picture)?;
             let comparable = unknown
                 .then(|| photographs::comparable(view, &rendering, &anchored.views, &case.geometry.views));
@@ -392,6 +392,17 @@ impl Trainer {
         Ok(Pass { loss: value, clipped_mse: mse, gaussians: anchored.counts.total, gradient })
     }
 
+    /// Rows of Gaussians after the looks that the configuration asks for. What these change is a constant to the gradient.
+    fn looked(&self, anchored: &Anchored, made: Tensor) -> Result<Tensor> {
+        if self.config.looks < 2 {
+            return Ok(made);
+        }
+        let before = values(&made)?;
+        let looked = rows(&anchored.looked(gaussians(&before)?, self.config.looks)?);
+        let change = looked.iter().zip(&before).map(|(after, before)| after - before).collect();
+        Ok((&made + Tensor::from_vec(change, made.shape(), made.device())?)?)
+    }
+
     fn anchored(&self, case: &Case, density: f64, seed: u64) -> Result<Anchored> {
         let pixels: usize = case.context.iter().map(|view| view.image().data().len() / 3).sum();
         let config = sparsesplat::Config {
@@ -406,7 +417,7 @@ impl Trainer {
         Ok(anchor(&case.context, &case.geometry, &config, covisible, &mut Stages::new(&mut |_| {}))?)
     }
 
-    /// Held-out PSNR of the head and of the closed form on the targets of `cases`, at one density; `look` is given each
+    /// Held-out PSNR of the head and of the closed form, after the looks of the configuration, on the targets of `cases`, at one density; `look` is given each
     /// target with what head and closed form make of it.
     ///
     /// # Errors
@@ -424,6 +435,8 @@ impl Trainer {
             learned.append(&anchored.shell.clone().with_sh_degree(learned.sh_degree())?);
             let mut closed = anchored.base.clone();
             closed.append(&anchored.shell);
+            let [learned, closed] = [learned, closed].map(|scene| anchored.looked(scene, self.config.looks));
+            let (learned, closed) = (learned?, closed?);
             for view in &case.targets {
                 let mut pictures = [Vec::new(), Vec::new()];
                 for ((scene, sum), picture) in

@@ -95,6 +95,22 @@ fn the_gradient_of_the_chain_is_that_of_differences() {
     }
 }
 
+/// Looks lower the loss of the views that they see, and a pass compares what they leave.
+#[test]
+fn gaussians_are_compared_after_the_looks() {
+    let cache = tempfile::tempdir().unwrap();
+    let config = Config { neighbours: 6, density: [0.1, 0.1], targets: 0, contexts: 6, ..Config::default() };
+    let [none, one, two] = [1, 2, 3].map(|looks| {
+        let trainer = trainer(Config { looks, ..config.clone() }, cache.path());
+        let pass = trainer.pass(0).unwrap();
+        assert!(length(&pass.gradient) > 0.0);
+        let score = trainer.validate(&trainer.cases, 0.1, &mut |_| {}).unwrap();
+        (pass.loss, score.psnr)
+    });
+    assert!(one.0 < 0.95 * none.0 && two.0 < one.0, "{none:?}, {one:?}, {two:?}");
+    assert!(one.1 > none.1 + 0.1, "{none:?}, {one:?}, {two:?}");
+}
+
 #[test]
 fn what_colours_change_by_direction_is_held_down() {
     let cache = tempfile::tempdir().unwrap();

@@ -33,10 +33,11 @@ impl<'a, M: Message<'a>> Backward<'_, 'a, M> {
         let mut sent: Vec<M::Sent> = (0..n.div_ceil(BLOCK)).map(|_| M::Sent::default()).collect();
         let recorded = layers.iter().zip(&tape.maxima);
         for (l, (layer, (x, maxima))) in self.network.layers.iter().zip(recorded).enumerate().rev() {
-            show(layer, x, &mut shown);
+            show(layer, self.inputs, x, &mut shown);
             let of = |part: &str| span(self.layout, &format!("blocks.{l}.{part}"));
             let step = Step { layer, all: All { inputs: self.inputs, shown: &shown }, x, maxima };
             step.own(&mut grad, &mut sent, (of(""), &mut weights));
+            M::return_sent(self.inputs, &mut sent);
             // The second step has no part in the weights from `norm2` on.
             let kept = Kept { lookers: &lookers, maxima, sent: &sent };
             step.shown(&mut grad, kept, (of("norm1.").start..of("norm2.").start, &mut weights));

@@ -86,6 +86,9 @@ pub(super) trait Message<'a>: Sized + Sync {
     /// What anchors with the normalised features `h` show.
     fn show(&self, h: Rows<'_>, shown: &mut [f32]);
 
+    /// Replaces what all anchors show by what others see of it; where they see it as it is, nothing.
+    fn share(_inputs: &Inputs<'_>, _shown: &mut [f32]) {}
+
     /// Adds the messages to the rows `y`. `maxima`, if asked for, are to be the block's.
     fn add(&self, anchors: Anchors<'_>, y: &mut [f32], maxima: Option<&mut Maxima>, work: &mut Self::Work);
 
@@ -106,6 +109,10 @@ pub(super) trait Message<'a>: Sized + Sync {
         sums: &mut Sums<'_>,
         work: &mut Self::Work,
     );
+
+    /// The transpose of [`share`](Self::share): turns the gradients of what is seen, which all blocks have kept, into those of what is
+    /// shown.
+    fn return_sent(_inputs: &Inputs<'_>, _sent: &mut [Self::Sent]) {}
 
     /// Adds to `grad_h` what comes through what the anchors show.
     fn shown_backward(

@@ -1,7 +1,7 @@
 //! Inference and gradients of the heads on the CPU, without a row of features for every pair.
 //!
 //! The kinds share all but the message that an anchor gets from its neighbours, see the modules `attention`, `maximum`
-//! (edge convolution and max pooling) and `mlp`. What depends on one anchor alone is computed once for each. The
+//! (edge convolution and max pooling), `mlp` and `grid`. What depends on one anchor alone is computed once for each. The
 //! rows of pairs are made block by block, stay in the caches, and are made again for the gradient.
 //!
 //! The gradient goes backwards from the features before every layer. Each anchor gathers the gradient of what it shows from the
@@ -16,6 +16,7 @@
 //! | edge convolution | 3 | 14, and 3 bytes for every pair |
 //! | max pooling | 2 | 12, and 3 bytes for every pair |
 //! | MLP | 1 | 5, and 16 numbers for every pair |
+//! | grid | 2 | 5 |
 //!
 //! An index for every pair, some 0.5 MB for each thread, and for each of up to 32 ranges the gradients of one layer's
 //! weights, 27 MB in all, come on top.
@@ -23,6 +24,7 @@
 mod attention;
 mod backward;
 mod edge_conv;
+mod grid;
 mod layer;
 mod linear;
 mod max_pool;
@@ -41,6 +43,7 @@ use crate::{Config, Inputs, Kind, Layout, OUTPUTS, WIDTH};
 use attention::Attention;
 use backward::Backward;
 use edge_conv::EdgeConv;
+use grid::Grid;
 use max_pool::MaxPool;
 use maximum::Maxima;
 use message::Message;
@@ -67,7 +70,7 @@ pub fn forward(config: &Config, weights: &[f32], inputs: &Inputs<'_>) -> Vec<f32
     outputs(config, weights, inputs, None)
 }
 
-/// What [`backward`] needs of a forward pass: the features before every layer and after the last, 4 buffers of
+/// What [`backward`] needs of a forward pass: the features before every layer and after the last, up to 4 buffers of
 /// `[n, 128]`; of edge convolution and max pooling also the maxima, and which pair has each, 3 times 1.25 buffers.
 #[derive(Debug, Clone)]
 pub struct Tape {
@@ -94,13 +97,14 @@ fn outputs(config: &Config, weights: &[f32], inputs: &Inputs<'_>, tape: Option<&
         inputs: &Inputs<'_>,
         tape: Option<&mut Tape>,
     ) -> Vec<f32> {
-        Network::<M>::new(&Layout::new(config), weights).run(config, inputs, tape)
+        Network::<M>::new(config, &Layout::new(config), weights).run(config, inputs, tape)
     }
     match config.kind {
         Kind::Attention => of::<Attention<'_>>(config, weights, inputs, tape),
         Kind::Mlp => of::<Mlp<'_>>(config, weights, inputs, tape),
         Kind::EdgeConv => of::<EdgeConv<'_>>(config, weights, inputs, tape),
         Kind::MaxPool => of::<MaxPool<'_>>(config, weights, inputs, tape),
+        Kind::Grid => of::<Grid<'_>>(config, weights, inputs, tape),
     }
 }
 
@@ -134,7 +138,7 @@ pub fn backward(
         grad_out: &[f32],
     ) -> Gradients {
         let layout = &Layout::new(config);
-        let network = &Network::<M>::new(layout, weights);
+        let network = &Network::<M>::new(config, layout, weights);
         Backward { config, layout, network, inputs }.run(tape, grad_out)
     }
     assert_eq!(grad_out.len(), inputs.n * OUTPUTS, "gradients of the outputs");
@@ -146,5 +150,6 @@ pub fn backward(
         Kind::Mlp => of::<Mlp<'_>>(head, tape, grad_out),
         Kind::EdgeConv => of::<EdgeConv<'_>>(head, tape, grad_out),
         Kind::MaxPool => of::<MaxPool<'_>>(head, tape, grad_out),
+        Kind::Grid => of::<Grid<'_>>(head, tape, grad_out),
     }
 }

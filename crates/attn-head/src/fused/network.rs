@@ -6,7 +6,7 @@ use super::message::{All, Message};
 use super::norm::Norm;
 use super::perceptron::{Hidden, Perceptron};
 use super::{Tape, range_rows};
-use crate::{Config, Inputs, LAYERS, Layout, OUTPUTS, WIDTH};
+use crate::{Config, Inputs, Layout, OUTPUTS, WIDTH};
 use cpu_kernels::{Activation, Isa, Rows};
 use rayon::prelude::*;
 
@@ -19,19 +19,21 @@ pub(super) const BLOCK: usize = 48;
 pub(super) struct Network<'a, M> {
     pub(super) geometry: Perceptron<'a>,
     pub(super) image: Perceptron<'a>,
-    pub(super) layers: [Layer<'a, M>; LAYERS],
+    pub(super) layers: Vec<Layer<'a, M>>,
     pub(super) norm: Norm<'a>,
     pub(super) out: Perceptron<'a>,
 }
 
 impl<'a, M: Message<'a>> Network<'a, M> {
-    pub(super) fn new(layout: &Layout, values: &'a [f32]) -> Self {
+    pub(super) fn new(config: &Config, layout: &Layout, values: &'a [f32]) -> Self {
         let isa = Isa::in_use();
         assert_eq!(values.len(), layout.len, "numbers in the weights");
         Self {
             geometry: Perceptron::new(isa, layout, values, "phi_g", Activation::Relu),
             image: Perceptron::new(isa, layout, values, "phi_v", Activation::Relu),
-            layers: std::array::from_fn(|l| Layer::new(isa, layout, values, &format!("blocks.{l}"))),
+            layers: (0..config.kind.layers())
+                .map(|l| Layer::new(isa, layout, values, &format!("blocks.{l}")))
+                .collect(),
             norm: Norm::new(isa, layout, values, "norm"),
             out: Perceptron::new(isa, layout, values, "out", Activation::Gelu),
         }
@@ -43,7 +45,7 @@ impl<'a, M: Message<'a>> Network<'a, M> {
         let mut shown = vec![0.0; inputs.n * M::SHOWN];
         for layer in &self.layers {
             let mut maxima = vec![Maxima::default(); inputs.n.div_ceil(BLOCK)];
-            show(layer, &x, &mut shown);
+            show(layer, inputs, &x, &mut shown);
             if let Some(tape) = &mut tape {
                 tape.features.push(x.clone());
             }
@@ -98,8 +100,13 @@ pub(super) fn embedded<'a>(config: &Config, inputs: &Inputs<'a>) -> (Rows<'a>, R
     (Rows::new(inputs.geometry, inputs.n, config.geometry), Rows::new(inputs.image, inputs.n, config.image))
 }
 
-/// What all anchors show.
-pub(super) fn show<'a, M: Message<'a>>(layer: &Layer<'a, M>, x: &[f32], shown: &mut [f32]) {
+/// What all anchors show to those that look at them.
+pub(super) fn show<'a, M: Message<'a>>(
+    layer: &Layer<'a, M>,
+    inputs: &Inputs<'_>,
+    x: &[f32],
+    shown: &mut [f32],
+) {
     let rows = range_rows(x.len() / WIDTH);
     shown.par_chunks_mut(rows * M::SHOWN).zip(x.par_chunks(rows * WIDTH)).for_each(|(shown, x)| {
         let mut work = Workspace::default();
@@ -107,6 +114,7 @@ pub(super) fn show<'a, M: Message<'a>>(layer: &Layer<'a, M>, x: &[f32], shown: &
             layer.show(x, shown, &mut work);
         }
     });
+    M::share(inputs, shown);
 }
 
 fn forward<'a, M: Message<'a>>(

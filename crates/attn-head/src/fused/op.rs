@@ -14,6 +14,8 @@ pub struct Neighbourhood {
     pub neighbours: Arc<[u32]>,
     /// As [`Inputs::relative`].
     pub relative: Arc<[[f32; 3]]>,
+    /// As [`Inputs::cells`].
+    pub cells: Arc<[[u32; 2]]>,
 }
 
 /// Outputs `[n, 38]` from `weights` `[Layout::len]`, `geometry` `[n, config.geometry]` and `image`
@@ -62,8 +64,8 @@ struct Op {
 
 impl Op {
     fn inputs<'a>(&'a self, geometry: &'a [f32], image: &'a [f32]) -> Result<Inputs<'a>> {
-        let Neighbourhood { k, neighbours, relative } = &self.neighbourhood;
-        let inputs = Inputs { n: self.n, k: *k, geometry, image, neighbours, relative };
+        let Neighbourhood { k, neighbours, relative, cells } = &self.neighbourhood;
+        let inputs = Inputs { n: self.n, k: *k, geometry, image, neighbours, relative, cells };
         inputs.check(&self.config).map_err(candle_core::Error::wrap)?;
         Ok(inputs)
     }

@@ -1,7 +1,7 @@
 //! The message of the neighbours in one block, for each kind of head.
 
 use super::layers::{Perceptron, max, part};
-use crate::{Config, HEAD_WIDTH, HEADS, Kind, MESSAGE, WIDTH};
+use crate::{CELL, Config, HEAD_WIDTH, HEADS, Kind, MESSAGE, WIDTH};
 use candle_core::{Result, Tensor};
 use candle_nn::{Linear, Module, VarBuilder, linear, ops};
 
@@ -13,12 +13,22 @@ pub(super) struct Neighbourhood {
     pub(super) index: Tensor,
     /// p_j - p_i, `[n, seen, 3]`.
     pub(super) relative: Tensor,
+    /// The fine and the coarse cell, `[n, 2]`.
+    pub(super) cells: Tensor,
 }
 
 impl Neighbourhood {
     /// Rows of those seen, `[n, width]` to `[n, seen, width]`.
     fn seen(&self, x: &Tensor) -> Result<Tensor> {
         x.index_select(&self.index, 0)?.reshape((self.n, self.seen, ()))
+    }
+
+    /// Means of rows `[n, width]` over the fine (0) or the coarse (1) cells, for each anchor.
+    fn means(&self, x: &Tensor, level: usize) -> Result<Tensor> {
+        let cell = self.cells.narrow(1, level, 1)?.flatten_all()?.contiguous()?;
+        let sum = |x: &Tensor| x.zeros_like()?.index_add(&cell, x, 0)?.index_select(&cell, 0);
+        let count = sum(&Tensor::ones((self.n, 1), x.dtype(), x.device())?)?;
+        sum(&x.contiguous()?)?.broadcast_div(&count)
     }
 }
 
@@ -57,6 +67,10 @@ pub(super) enum Gather {
         other: Linear,
         position: Linear,
         mix: Perceptron,
+    },
+    Grid {
+        cell: Linear,
+        join: Linear,
     },
     /// The MLP without neighbours.
     Alone {
@@ -102,6 +116,10 @@ impl Gather {
                 let message = linear(WIDTH + 3, MESSAGE, vb.pp("message"))?;
                 Self::Mlp { other: part(&message, 0, WIDTH)?, position: part(&message, WIDTH, 3)?, mix }
             }
+            Kind::Grid => Self::Grid {
+                cell: linear(WIDTH, 2 * CELL, vb.pp("cell"))?,
+                join: linear(2 * CELL, WIDTH, vb.pp("join"))?,
+            },
         })
     }
 
@@ -119,6 +137,7 @@ impl Gather {
             Self::MaxPool { other, .. } | Self::Mlp { other, .. } => {
                 Prepared { own: h.clone(), shown: vec![other.forward(h)?] }
             }
+            Self::Grid { cell, .. } => Prepared { own: cell.forward(h)?, shown: Vec::new() },
             Self::Alone { .. } => Prepared { own: h.clone(), shown: Vec::new() },
         })
     }
@@ -147,6 +166,10 @@ impl Gather {
                 // The anchor itself sends no message.
                 let messages = pairs(position)?.narrow(1, 1, hood.seen - 1)?.flatten_from(1)?;
                 mix.forward(&Tensor::cat(&[own, messages], 1)?)?
+            }
+            Self::Grid { join, .. } => {
+                let means = |level| hood.means(&own.narrow(1, level * CELL, CELL)?, level);
+                join.forward(&Tensor::cat(&[means(0)?, means(1)?], 1)?)?
             }
             Self::Alone { mix } => mix.forward(&own)?,
         };

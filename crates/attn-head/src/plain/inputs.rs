@@ -1,4 +1,4 @@
-use crate::inputs::check_neighbours;
+use crate::inputs::{check_cells, check_neighbours};
 use crate::{Config, Error, Inputs, Result};
 use candle_core::{DType, Device, Tensor};
 
@@ -13,6 +13,8 @@ pub struct TensorInputs {
     pub neighbours: Tensor,
     /// p_j - p_i, `[n, k, 3]`.
     pub relative: Tensor,
+    /// The cells of each anchor, u32 `[n, 2]`, as in [`Inputs::cells`]; `[0, 2]` for a head that does not look at them.
+    pub cells: Tensor,
 }
 
 impl TensorInputs {
@@ -31,6 +33,7 @@ impl TensorInputs {
             image: floats(inputs.image, &[n, config.image])?,
             neighbours: Tensor::from_slice(inputs.neighbours, (n, k), device)?,
             relative: floats(inputs.relative.as_flattened(), &[n, k, 3])?,
+            cells: Tensor::from_slice(inputs.cells.as_flattened(), (inputs.cells.len(), 2), device)?,
         })
     }
 
@@ -53,6 +56,14 @@ impl TensorInputs {
         }
         // Not every device checks an index.
         check_neighbours(&self.neighbours.flatten_all()?.to_vec1()?, n, k)?;
+        let &[_, 2] = self.cells.dims() else {
+            return Err(Error::Shape {
+                what: "cells",
+                expected: vec![n, 2],
+                found: self.cells.dims().to_vec(),
+            });
+        };
+        check_cells(config, self.cells.flatten_all()?.to_vec1()?.as_chunks().0, n)?;
         Ok((n, k))
     }
 }

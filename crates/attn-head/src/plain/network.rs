@@ -1,7 +1,7 @@
 use super::TensorInputs;
 use super::gather::{Gather, Neighbourhood};
 use super::layers::{Norm, Perceptron};
-use crate::{Config, Error, HEADS, Kind, LAYERS, Layout, OUTPUTS, Result, WIDTH};
+use crate::{Config, Error, HEADS, Kind, Layout, OUTPUTS, Result, WIDTH};
 use candle_core::{DType, Device, Tensor};
 use candle_nn::{Module, VarBuilder};
 
@@ -33,7 +33,7 @@ impl Block {
             norm1: Norm::load(WIDTH, &vb.pp("norm1"))?,
             gather: Gather::load(config, vb)?,
             norm2: Norm::load(WIDTH, &vb.pp("norm2"))?,
-            ffn: Perceptron::gelu([WIDTH, 4 * WIDTH, WIDTH], &vb.pp("ffn"))?,
+            ffn: Perceptron::gelu([WIDTH, config.kind.hidden(), WIDTH], &vb.pp("ffn"))?,
         })
     }
 }
@@ -86,7 +86,7 @@ impl Network {
             config,
             phi_g: Perceptron::relu([config.geometry, half, half], &vb.pp("phi_g"))?,
             phi_v: Perceptron::relu([config.image, half, half], &vb.pp("phi_v"))?,
-            blocks: (0..LAYERS).map(block).collect::<candle_core::Result<_>>()?,
+            blocks: (0..config.kind.layers()).map(block).collect::<candle_core::Result<_>>()?,
             norm: Norm::load(WIDTH, &vb.pp("norm"))?,
             out: Perceptron::gelu([WIDTH, WIDTH, OUTPUTS], &vb.pp("out"))?,
             dtype: vb.dtype(),
@@ -138,10 +138,10 @@ impl Network {
         let zeros = |shape: &[usize]| Tensor::zeros(shape, self.dtype, &self.device);
         let features = zeros(&[0, WIDTH])?;
         let alphas = match self.config.kind {
-            Kind::Attention => vec![zeros(&[0, k + 1, HEADS])?; LAYERS],
+            Kind::Attention => vec![zeros(&[0, k + 1, HEADS])?; self.blocks.len()],
             _ => Vec::new(),
         };
-        let blocks = vec![features.clone(); LAYERS];
+        let blocks = vec![features.clone(); self.blocks.len()];
         Ok(Trace { embedding: features, blocks, alphas, out: zeros(&[0, OUTPUTS])? })
     }
 }
@@ -156,5 +156,5 @@ fn neighbourhood(inputs: &TensorInputs, n: usize, k: usize) -> Result<Neighbourh
     } else {
         (Tensor::cat(&[&itself, &inputs.neighbours], 1)?, Tensor::cat(&[&zero, &inputs.relative], 1)?)
     };
-    Ok(Neighbourhood { n, seen: k + 1, index: index.flatten_all()?, relative })
+    Ok(Neighbourhood { n, seen: k + 1, index: index.flatten_all()?, relative, cells: inputs.cells.clone() })
 }

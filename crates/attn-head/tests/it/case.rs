@@ -16,6 +16,7 @@ pub(crate) struct Case {
     pub(crate) image: Vec<f32>,
     pub(crate) neighbours: Vec<u32>,
     pub(crate) relative: Vec<[f32; 3]>,
+    pub(crate) cells: Vec<[u32; 2]>,
 }
 
 /// Numbers in [-1, 1).
@@ -38,7 +39,8 @@ impl Case {
         let relative = take(3 * n * k).as_chunks().0.to_vec();
         let index = |u: f32| (((u + 1.0) / 2.0 * n as f32) as u32).min(n as u32 - 1);
         let neighbours = take(n * k).into_iter().map(index).collect();
-        Self { config, n, geometry, image, neighbours, relative }
+        let cells = take(2 * n).as_chunks().0.iter().map(|cells| cells.map(index)).collect();
+        Self { config, n, geometry, image, neighbours, relative, cells }
     }
 
     pub(crate) fn inputs(&self) -> Inputs<'_> {
@@ -49,6 +51,7 @@ impl Case {
             image: &self.image,
             neighbours: &self.neighbours,
             relative: &self.relative,
+            cells: &self.cells,
         }
     }
 
@@ -73,6 +76,7 @@ impl Case {
             image: wide(&self.image),
             neighbours: self.neighbours.clone(),
             relative: self.relative.iter().map(|r| r.map(f64::from)).collect(),
+            cells: self.cells.clone(),
         }
     }
 

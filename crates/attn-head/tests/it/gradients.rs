@@ -66,14 +66,18 @@ fn check(kind: Kind) {
         assert_derivative(&parameter.name, &values, gradient, range, |x| loss(&case, x, &inputs));
     }
     let of = |input: &Tensor| gradients.get(input).unwrap().clone();
-    let (geometry, image, relative) = (of(&inputs.geometry), of(&inputs.image), of(&inputs.relative));
+    let (geometry, image) = (of(&inputs.geometry), of(&inputs.image));
     assert_derivative("geometry", &inputs.geometry, &geometry, 0..15, |x| {
         loss(&case, &values, &TensorInputs { geometry: x.clone(), ..inputs.clone() })
     });
     assert_derivative("image", &inputs.image, &image, 0..10, |x| {
         loss(&case, &values, &TensorInputs { image: x.clone(), ..inputs.clone() })
     });
-    assert_derivative("relative", &inputs.relative, &relative, 0..45, |x| {
+    if kind == Kind::Grid {
+        assert!(gradients.get(&inputs.relative).is_none(), "the grid does not look at neighbours");
+        return;
+    }
+    assert_derivative("relative", &inputs.relative, &of(&inputs.relative), 0..45, |x| {
         loss(&case, &values, &TensorInputs { relative: x.clone(), ..inputs.clone() })
     });
 }
@@ -96,6 +100,11 @@ fn of_the_edge_convolution() {
 #[test]
 fn of_the_maximum() {
     check(Kind::MaxPool);
+}
+
+#[test]
+fn of_the_grid() {
+    check(Kind::Grid);
 }
 
 /// A neighbour given twice shares its part of a maximum with nobody: the gradient by both together is that by one.

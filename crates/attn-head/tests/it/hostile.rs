@@ -25,6 +25,8 @@ fn what_does_not_fit_is_named() {
         assert_eq!(said(|c| c.geometry[3] = f32::NAN), "geometry of anchor 1 is not finite");
         assert_eq!(said(|c| c.image[7] = f32::INFINITY), "image of anchor 3 is not finite");
         assert_eq!(said(|c| c.relative[4][2] = f32::NEG_INFINITY), "relative of anchor 2 is not finite");
+        assert_eq!(said(|c| c.cells.truncate(3)), "cells: 3 numbers, expected 4");
+        assert_eq!(said(|c| c.cells[2][1] = 4), "anchor 2 lies in cell 4, expected an index below 4");
         // Products of sizes that no machine word holds.
         assert!(said(|c| c.n = usize::MAX).starts_with("geometry: 12 numbers, expected"));
     }

@@ -1,6 +1,6 @@
 //! The heads in f64, anchor by anchor and pair by pair, as the formulas of the README are written.
 
-use attn_head::{Config, HEAD_WIDTH, HEADS, Kind, LAYERS, Layout, WIDTH};
+use attn_head::{CELL, Config, HEAD_WIDTH, HEADS, Kind, Layout, WIDTH};
 
 /// What `attn_head::Inputs` holds.
 #[derive(Debug, Clone)]
@@ -13,6 +13,7 @@ pub(crate) struct Case {
     pub(crate) image: Vec<f64>,
     pub(crate) neighbours: Vec<u32>,
     pub(crate) relative: Vec<[f64; 3]>,
+    pub(crate) cells: Vec<[u32; 2]>,
 }
 
 /// Outputs, and the largest logit met on the way.
@@ -80,6 +81,16 @@ impl Case {
                 }
                 self.perceptron(&name("mix"), &joined, relu)
             }
+            Kind::Grid => {
+                let mut means = Vec::new();
+                for level in 0..2 {
+                    let same = (0..self.n).filter(|&j| self.cells[j][level] == self.cells[i][level]);
+                    let all: Vec<_> = same.map(|j| self.linear(&name("cell"), &h[j])).collect();
+                    let mean = |c: usize| all.iter().map(|row| row[c]).sum::<f64>() / all.len() as f64;
+                    means.extend((level * CELL..(level + 1) * CELL).map(mean));
+                }
+                self.linear(&name("join"), &means)
+            }
         }
     }
 
@@ -129,7 +140,7 @@ impl Case {
                 row
             })
             .collect();
-        for layer in 0..LAYERS {
+        for layer in 0..self.config.kind.layers() {
             let block = format!("blocks.{layer}");
             let h: Vec<_> = x.iter().map(|x| self.norm(&format!("{block}.norm1"), x)).collect();
             let messages = if self.config.kind == Kind::Attention {

@@ -15,7 +15,7 @@ pub(crate) enum What {
     Sampling,
     /// Number of neighbours: 0, 5, 10, 20, 30; by distance, by co-visibility, or half of each
     Neighbours,
-    /// Kind of head: edge convolution, MLP, max pooling, attention
+    /// Kind of head: edge convolution, MLP, max pooling, attention, grid
     Head,
 }
 
@@ -68,6 +68,7 @@ impl What {
                 row("edge-conv", Some([20.78, 0.664, 0.329]), |c| c.head = Kind::EdgeConv),
                 row("mlp", Some([21.47, 0.683, 0.299]), |c| c.head = Kind::Mlp),
                 row(FAILED_IN_PAPER, None, |c| c.head = Kind::MaxPool),
+                row("grid", None, |c| c.head = Kind::Grid),
             ],
         }
     }

@@ -8,7 +8,7 @@ use crate::failure::{OrFail, Outcome};
 use crate::progress::Progress;
 use crate::summary::{print, print_line};
 use attn_head::plain::{Network, TensorInputs};
-use attn_head::{Config, Inputs, Kind, LAYERS, MESSAGE, OUTPUTS, WIDTH, Weights, fused};
+use attn_head::{CELL, Config, Inputs, Kind, MESSAGE, OUTPUTS, WIDTH, Weights, fused};
 use candle_core::{DType, Device, Tensor, Var};
 use clap::{Args, ValueEnum};
 use report_parts::{Table, count};
@@ -23,7 +23,7 @@ use sparsesplat::learned::{geometry_features, image_features};
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  cargo xtask bench head --json head.json\n  \
                         sparsesplat bench head --counts 40k --runs 5\n  \
-                        sparsesplat bench head --heads attention,edge-conv,max-pool,mlp --counts 1k")]
+                        sparsesplat bench head --heads attention,edge-conv,max-pool,mlp,grid --counts 1k")]
 pub(crate) struct Arguments {
     /// Kinds of head
     #[arg(long, value_enum, value_name = "KIND,...", value_delimiter = ',', default_value = "attention")]
@@ -69,6 +69,7 @@ enum Kinds {
     EdgeConv,
     MaxPool,
     Mlp,
+    Grid,
 }
 
 impl Kinds {
@@ -78,6 +79,7 @@ impl Kinds {
             Self::EdgeConv => Kind::EdgeConv,
             Self::MaxPool => Kind::MaxPool,
             Self::Mlp => Kind::Mlp,
+            Self::Grid => Kind::Grid,
         }
     }
 
@@ -87,6 +89,7 @@ impl Kinds {
             Self::EdgeConv => "edge-conv",
             Self::MaxPool => "max-pool",
             Self::Mlp => "mlp",
+            Self::Grid => "grid",
         }
     }
 }
@@ -138,6 +141,7 @@ pub(super) struct Scene {
     image: Vec<f32>,
     neighbours: Vec<u32>,
     relative: Vec<[f32; 3]>,
+    cells: Vec<[u32; 2]>,
     pub(super) by_outputs: Vec<f32>,
 }
 
@@ -156,7 +160,11 @@ impl Scene {
             ((pair / k) as i64 + x + ROW * y).rem_euclid(n as i64) as u32
         };
         let neighbours = steps.as_chunks().0.iter().enumerate().map(neighbour).collect();
-        Self { n, k, geometry, image, neighbours, relative, by_outputs }
+        // Squares of 4 and of 16 anchors a side.
+        let cell =
+            |i: usize, side: usize| (i - i % (ROW as usize * side) + i % ROW as usize / side * side) as u32;
+        let cells = (0..n).map(|i| [cell(i, 4), cell(i, 16)]).collect();
+        Self { n, k, geometry, image, neighbours, relative, cells, by_outputs }
     }
 
     pub(super) fn inputs(&self) -> Inputs<'_> {
@@ -167,6 +175,7 @@ impl Scene {
             image: &self.image,
             neighbours: &self.neighbours,
             relative: &self.relative,
+            cells: &self.cells,
         }
     }
 }
@@ -182,13 +191,15 @@ fn flop(config: &Config, n: usize, k: usize, training: bool) -> f64 {
         Kind::EdgeConv => (2 * square + pairs * 5 * WIDTH, pairs * square),
         Kind::MaxPool => (3 * square + pairs * 4 * WIDTH, pairs * square),
         Kind::Mlp => ((WIDTH + k * 4) * MESSAGE + (WIDTH + k * MESSAGE) * WIDTH + square, 0),
+        Kind::Grid => (4 * CELL * WIDTH, 0),
     };
     let output = square + WIDTH * OUTPUTS;
-    let forward = embedding + output + LAYERS * (message + 8 * square);
+    let layers = config.kind.layers();
+    let forward = embedding + output + layers * (message + 2 * config.kind.hidden() * WIDTH);
     // Two products of rows for each channel, if there are maxima.
     let of_gradient = if training && of_maxima > 0 { 2 * square } else { 0 };
     let passes = if training { 3 } else { 1 };
-    2.0 * (n * (passes * forward + LAYERS * (of_maxima + of_gradient))) as f64
+    2.0 * (n * (passes * forward + layers * (of_maxima + of_gradient))) as f64
 }
 
 /// The passes of one kind of head.

@@ -252,6 +252,7 @@ fn kernels(seconds: &mut Seconds) -> Outcome {
 /// The heads (max pooling has the kernels of edge convolution, the MLP has none of its own), and DepthSplat's network.
 fn networks(seconds: &mut Seconds) -> Outcome {
     head(seconds, Kind::Attention, ["head, forward", "head, gradient"])?;
+    head(seconds, Kind::Grid, ["grid head, forward", "grid head, gradient"])?;
     head(seconds, Kind::EdgeConv, ["edge convolution, forward", "edge convolution, gradient"])?;
     let variant = Variant { scales: Scales::ALL[0], vit: Vit::ALL[0] };
     let network = DepthSplat::untrained(variant, "").or_work()?;

@@ -5,6 +5,7 @@
 //! Gaussian does, whose mean is rounded to f32.)
 
 use super::feedback::FEEDBACK;
+use super::grid;
 use super::support::support;
 use crate::anchored::Anchored;
 use attn_head::Inputs;
@@ -54,6 +55,8 @@ pub struct HeadInputs {
     pub neighbours: Vec<u32>,
     /// Where they lie: the anchor's camera's axes, units of its spacing.
     pub relative: Vec<[f32; 3]>,
+    /// The fine and the coarse cell of each, `[n, 2]`.
+    pub cells: Vec<[u32; 2]>,
 }
 
 impl HeadInputs {
@@ -67,6 +70,7 @@ impl HeadInputs {
             image: &self.image,
             neighbours: &self.neighbours,
             relative: &self.relative,
+            cells: &self.cells,
         }
     }
 
@@ -90,6 +94,7 @@ impl HeadInputs {
             image: vec![0.0; n * image_features(channels)],
             relative: vec![[0.0; 3]; n * k],
             neighbours,
+            cells: grid::cells(anchored),
         };
         let neighbours = &inputs.neighbours;
         inputs

@@ -2,6 +2,7 @@
 
 mod decode;
 mod feedback;
+mod grid;
 mod head;
 mod inputs;
 mod parametrisation;

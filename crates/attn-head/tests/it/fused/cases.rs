@@ -14,6 +14,7 @@ pub(crate) struct Single {
     image: Vec<f32>,
     neighbours: Vec<u32>,
     relative: Vec<[f32; 3]>,
+    cells: Vec<[u32; 2]>,
 }
 
 impl Single {
@@ -28,6 +29,7 @@ impl Single {
             image: narrow(&case.image),
             neighbours: case.neighbours.clone(),
             relative: case.relative.iter().map(|r| r.map(|v| v as f32)).collect(),
+            cells: case.cells.clone(),
         }
     }
 
@@ -39,6 +41,7 @@ impl Single {
             image: &self.image,
             neighbours: &self.neighbours,
             relative: &self.relative,
+            cells: &self.cells,
         };
         inputs.check(&self.config).expect("a valid case");
         inputs
@@ -70,6 +73,9 @@ pub(crate) fn random(kind: Kind, n: usize, k: usize, image: usize, seed: u64) ->
     }
     let (mut g, mut v, mut r, mut j) =
         (uniform(seed, 1), uniform(seed, 2), uniform(seed, 3), uniform(seed, 4));
+    // A quarter as many fine cells as anchors, and three coarse ones at most.
+    let mut c = uniform(seed, 5);
+    let mut cell = |among: usize| ((c() + 1.0) / 2.0 * among.clamp(1, n.max(1)) as f64) as u32;
     Case {
         config,
         n,
@@ -79,6 +85,7 @@ pub(crate) fn random(kind: Kind, n: usize, k: usize, image: usize, seed: u64) ->
         image: (0..n * image).map(|_| 2.0 * v()).collect(),
         neighbours: (0..n * k).map(|_| ((j() + 1.0) / 2.0 * n as f64) as u32).collect(),
         relative: (0..n * k).map(|_| [r(), r(), r()]).collect(),
+        cells: (0..n).map(|_| [cell(n / 4), cell(3)]).collect(),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::cases::{Single, alike, random, repeated};
 use crate::oracle::Case;
-use attn_head::{Kind, LAYERS, OUTPUTS, fused};
+use attn_head::{Kind, OUTPUTS, fused};
 use proptest::prelude::*;
 use proptest::sample;
 
@@ -33,7 +33,7 @@ fn outputs_are_those_of_the_formulas() {
 
 /// Queries `by` times as large: logits grow with their square.
 fn with_larger_queries(mut case: Case, by: f64) -> Case {
-    for layer in 0..LAYERS {
+    for layer in 0..case.config.kind.layers() {
         for part in ["weight", "bias"] {
             let range = case.at(&format!("blocks.{layer}.attn.q.{part}"));
             case.weights[range].iter_mut().for_each(|w| *w = f64::from((*w * by) as f32));

@@ -34,6 +34,7 @@ fn tensors(single: &Single) -> Tensors {
             k: inputs.k,
             neighbours: inputs.neighbours.into(),
             relative: inputs.relative.into(),
+            cells: inputs.cells.into(),
         },
     }
 }

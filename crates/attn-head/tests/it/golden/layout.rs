@@ -156,6 +156,7 @@ impl Golden {
             image: &self.image,
             neighbours: &self.neighbours,
             relative: &relative,
+            cells: &[],
         };
         let out = Head::new(self.weights.clone())?.run(&inputs)?;
         deviations.push(self.judge("head", "out", &out)?);
@@ -189,6 +190,7 @@ impl Golden {
             image: image.as_tensor().clone(),
             neighbours,
             relative,
+            cells: Tensor::zeros((0, 2), DType::U32, &Device::Cpu)?,
         };
         let network = Network::new(config, &self.weights.to_tensor(DType::F32, &Device::Cpu)?)?;
         let trace = network.trace(&inputs)?;
