@@ -190,6 +190,8 @@ pub(crate) enum ExposureName {
 pub(crate) enum HeadName {
     /// The trained head with the built-in weights; the closed form for a backbone without such weights
     Default,
+    /// The paper's head, trained: six times the arithmetic of the default
+    Attention,
     /// Formula without weights
     ClosedForm,
     /// DepthSplat's own head; needs --backbone depthsplat and --allocation pixel-aligned
@@ -285,6 +287,7 @@ impl Pipeline {
                     )));
                 }
                 (None, HeadName::Default) => Head::Default,
+                (None, HeadName::Attention) => Head::Attention,
                 (None, HeadName::ClosedForm) => Head::ClosedForm,
                 (None, HeadName::DepthSplat) => Head::DepthSplat,
             },

@@ -173,6 +173,8 @@ pub enum Budget {
 pub enum Head {
     /// The default weights of the backbone; the closed form where it has none.
     Default,
+    /// The paper's geo-aware attention with weights for the plane sweep's features.
+    Attention,
     /// A head with weights from a file.
     Weights(PathBuf),
     /// Scale, rotation, colour and opacity from the local neighbourhood by formula; no weights.

@@ -260,6 +260,10 @@ pub fn points(
         for &n in &budgets {
             all.count(Axis::Head, "closed-form", ours, n, closed_form);
         }
+        let both = config.head == Head::Default && matches!(config.backbone, Backbone::PlaneSweep { .. });
+        for &n in budgets.iter().filter(|_| both) {
+            all.count(Axis::Head, "attention", ours, n, |config| config.head = Head::Attention);
+        }
         all.vary(Axis::Head, &format!("closed-form-{}", name_of(Allocation::PixelAligned)), |config| {
             config.allocation = Allocation::PixelAligned;
             closed_form(config);
@@ -420,6 +424,13 @@ mod tests {
         let learned = points(&base, &[], Extent::Quick, true, false);
         assert!(learned.iter().any(|point| point.method.predict.head == Head::ClosedForm));
         assert!(learned.iter().all(|point| point.label.axis != Axis::Backbone));
+        // The other head with weights is on the axis of heads, unless it is the base's.
+        let attentions = |config: Config| {
+            let all = points(&Method::feed_forward(config), &[], Extent::Quick, true, false);
+            all.iter().filter(|point| point.label.point.starts_with("attention-")).count()
+        };
+        assert!(attentions(Config::default()) > 1);
+        assert_eq!(attentions(Config { head: Head::Attention, ..Config::default() }), 0);
         // DepthSplat's own Gaussians are one more point where they can be had.
         let of_network = |point: &&Point| point.method.predict.head == Head::DepthSplat;
         assert!(!all.iter().any(|point| of_network(&point)));

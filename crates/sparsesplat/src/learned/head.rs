@@ -14,10 +14,12 @@ pub const PARAMETRISATION: &str = "parametrisation";
 /// Where weights say how many neighbours they were given by co-visibility; without it none.
 pub const COVISIBLE: &str = "covisible";
 
-/// Default weights for the plane sweep's features (docs/training.md says how they came about).
-const PLANE_SWEEP: &[u8] = include_bytes!("../../weights/plane-sweep-2.safetensors");
-/// What reports call them.
-const PLANE_SWEEP_NAME: &str = "learned (plane-sweep-2)";
+/// Weights for the plane sweep's features, and what reports call them; docs/training.md says how they came about. The default:
+const GRID: (&[u8], &str) =
+    (include_bytes!("../../weights/plane-sweep-grid-1.safetensors"), "learned (plane-sweep-grid-1)");
+/// The paper's attention.
+const ATTENTION: (&[u8], &str) =
+    (include_bytes!("../../weights/plane-sweep-2.safetensors"), "learned (plane-sweep-2)");
 
 /// A trained head.
 #[derive(Debug)]
@@ -122,8 +124,10 @@ impl LearnedHead {
 /// Where the weights of a head come from.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum HeadWeights {
-    /// This crate's, for the plane sweep's features.
-    PlaneSweep,
+    /// This crate's, for the plane sweep's features: means over grids.
+    Grid,
+    /// This crate's, for the plane sweep's features: the paper's attention.
+    Attention,
     File(PathBuf),
 }
 
@@ -132,7 +136,8 @@ impl HeadWeights {
     pub(crate) fn chosen(config: &Config) -> Option<Self> {
         match (&config.head, &config.backbone) {
             (crate::Head::Weights(path), _) => Some(Self::File(path.clone())),
-            (crate::Head::Default, Backbone::PlaneSweep { .. }) => Some(Self::PlaneSweep),
+            (crate::Head::Attention, _) => Some(Self::Attention),
+            (crate::Head::Default, Backbone::PlaneSweep { .. }) => Some(Self::Grid),
             (crate::Head::Default, Backbone::GivenDepth | Backbone::DepthSplat(_))
             | (crate::Head::ClosedForm | crate::Head::DepthSplat, _) => None,
         }
@@ -140,10 +145,12 @@ impl HeadWeights {
 
     /// The head with them.
     pub(crate) fn read(&self) -> Result<LearnedHead> {
-        match self {
-            Self::PlaneSweep => LearnedHead::new(Weights::from_bytes(PLANE_SWEEP)?, PLANE_SWEEP_NAME),
-            Self::File(path) => LearnedHead::read(path),
-        }
+        let (bytes, name) = match self {
+            Self::Grid => GRID,
+            Self::Attention => ATTENTION,
+            Self::File(path) => return LearnedHead::read(path),
+        };
+        LearnedHead::new(Weights::from_bytes(bytes)?, name)
     }
 }
 

@@ -43,15 +43,28 @@ fn held_out_views_from_stereo() {
 }
 
 #[test]
-fn the_learned_head_is_better_than_the_closed_form() {
+fn the_learned_heads_are_better_than_the_closed_form() {
     let of = |head: Head| {
         let prediction = run(&COURTYARD.0, &Config { head, ..plane_sweep(8_000) });
         (psnr(&prediction, &COURTYARD.1), prediction.head)
     };
-    let (learned, name) = of(Head::Default);
     let (closed_form, other) = of(Head::ClosedForm);
-    assert_ne!(name, other, "the default of this backbone is a learned head");
-    assert!(learned >= closed_form + 1.0, "{name}: {learned:.2} dB, {other}: {closed_form:.2} dB");
+    let names = [Head::Default, Head::Attention].map(|head| {
+        let (learned, name) = of(head);
+        assert!(learned >= closed_form + 1.0, "{name}: {learned:.2} dB, {other}: {closed_form:.2} dB");
+        name
+    });
+    assert!(names[0] != names[1] && !names.contains(&other), "{names:?}, {other}: three heads");
+}
+
+#[test]
+fn a_head_that_is_asked_for_is_never_another() {
+    let config = Config { head: Head::Attention, ..given_depth(2_000) };
+    let error = Predictor::new(config).unwrap().predict(&COURTYARD.0, &mut |_| {}).unwrap_err();
+    assert!(
+        matches!(&error, sparsesplat::Error::OtherFeatures { found, .. } if found == "given-depth-1"),
+        "{error}"
+    );
 }
 
 #[test]
