@@ -1,8 +1,8 @@
-//! Vectors of numbers with operators, so that a formula reads as it does for one number. Scalar code has vectors of one lane: there is one
-//! copy of the formula for every instruction set.
+//! Vectors of numbers with operators, so that a formula reads as it does for one number. The scalar set has vectors of one lane, so one copy
+//! of the formula serves every instruction set.
 //!
-//! Every function here is `#[inline(always)]`, and so must be all that a [`Kernel`] calls: vector instructions are only used where all is
-//! inlined into the function that is compiled for them.
+//! Every function here is `#[inline(always)]`, and every function and closure that a [`Kernel`] calls must be, too. Vector instructions are
+//! used only in code that is inlined into the function that is compiled for them.
 
 mod sets;
 
@@ -10,11 +10,11 @@ use crate::Isa;
 use pulp::{Scalar, Simd, WithSimd, cast};
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-/// An instruction set of pulp, and what pulp has for each of its sets but not for all of them.
+/// An instruction set of pulp, with operations that pulp has for single sets but not in its trait of all sets.
 pub trait Lanes: Simd {
-    /// As f64; as many numbers as a vector of f64 has lanes.
+    /// Converts as many numbers as a vector of f64 has lanes.
     fn widen(self, numbers: &[f32]) -> Self::f64s;
-    /// Rounds to f32; as many numbers as a vector of f64 has lanes.
+    /// Rounds to f32. `numbers` are as many as a vector of f64 has lanes.
     fn narrow(self, x: Self::f64s, numbers: &mut [f32]);
     /// The larger number; `bound` where `x` is NaN.
     fn max(self, x: Self::f64s, bound: Self::f64s) -> Self::f64s;
@@ -24,15 +24,15 @@ pub trait Lanes: Simd {
     fn floor(self, x: Self::f64s) -> Self::f64s;
     /// The smallest whole number that is not below.
     fn ceil(self, x: Self::f64s) -> Self::f64s;
-    /// The low 12 bits, in the place of a sign and an exponent.
+    /// The low 12 bits, moved to where sign and exponent are.
     fn to_exponent(self, bits: Self::u64s) -> Self::u64s;
-    /// The bits of sign and exponent, as an integer.
+    /// The bits of sign and exponent, moved to the low end.
     fn from_exponent(self, bits: Self::u64s) -> Self::u64s;
 }
 
-/// What runs on the vectors of any instruction set.
+/// Work that runs on the vectors of any instruction set. pulp's `WithSimd` with the operations of [`Lanes`].
 pub trait Kernel {
-    /// What comes of it.
+    /// The result.
     type Output;
 
     /// Does the work; must be `#[inline(always)]`.
@@ -60,7 +60,7 @@ pub fn dispatch<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
 
 #[inline(always)]
 fn vectorize<S: Lanes, K: Kernel>(simd: S, kernel: K) -> K::Output {
-    /// The set is known before pulp calls back, which knows of its own traits only.
+    /// Carries the set as a [`Lanes`]: pulp passes it on as a `Simd` only.
     struct Run<S, K>(S, K);
 
     impl<S: Lanes, K: Kernel> WithSimd for Run<S, K> {
@@ -86,7 +86,7 @@ macro_rules! vector {
         }
 
         impl<S: Lanes> $name<S> {
-            /// How many numbers it has.
+            /// How many numbers a vector has.
             pub const LANES: usize = S::$lanes;
 
             /// The same number in every lane.
@@ -226,7 +226,7 @@ impl<S: Lanes> F64s<S> {
         Self { value: self.simd.min(self.value, bound.value), ..self }
     }
 
-    /// Between two numbers; the lower one of what is NaN.
+    /// Limits the numbers to a range; NaN becomes `low`.
     #[inline(always)]
     pub fn clamp(self, low: f64, high: f64) -> Self {
         self.max(self.all(low)).min(self.all(high))
@@ -298,13 +298,13 @@ impl<S: Lanes> U64s<S> {
         F64s { simd: self.simd, value: cast(self.value) }
     }
 
-    /// The low 12 bits, in the place of a sign and an exponent.
+    /// The low 12 bits, moved to where sign and exponent are.
     #[inline(always)]
     pub fn to_exponent(self) -> Self {
         Self { value: self.simd.to_exponent(self.value), ..self }
     }
 
-    /// The bits of sign and exponent, as an integer.
+    /// The bits of sign and exponent, moved to the low end.
     #[inline(always)]
     pub fn from_exponent(self) -> Self {
         Self { value: self.simd.from_exponent(self.value), ..self }

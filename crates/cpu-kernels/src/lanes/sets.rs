@@ -1,7 +1,7 @@
 //! [`Lanes`] of each instruction set.
 
 use super::Lanes;
-use pulp::{Scalar, cast};
+use pulp::Scalar;
 
 impl Lanes for Scalar {
     #[inline(always)]
@@ -14,7 +14,7 @@ impl Lanes for Scalar {
         numbers[0] = x as f32;
     }
 
-    // A comparison of one kind, as the instruction of SSE2 makes; `f64::max` looks at both numbers for NaN.
+    // One instruction of SSE2; `f64::max` is several, because it tests both numbers for NaN.
     #[inline(always)]
     fn max(self, x: f64, bound: f64) -> f64 {
         if x > bound { x } else { bound }
@@ -48,9 +48,9 @@ impl Lanes for Scalar {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{Lanes, cast};
+    use super::Lanes;
     use pulp::x86::{V3, V4};
-    use pulp::{Simd, f32x4, f32x8, f64x4, f64x8, u64x4, u64x8};
+    use pulp::{Simd, cast, f32x4, f32x8, f64x4, f64x8, u64x4, u64x8};
 
     impl Lanes for V3 {
         #[inline(always)]
@@ -64,7 +64,7 @@ mod x86 {
             numbers.copy_from_slice(&cast::<f32x4, [f32; 4]>(self.convert_f64x4_to_f32x4(x)));
         }
 
-        // The instruction gives its second number where one of both is NaN.
+        // The instruction returns its second number if either number is NaN.
         #[inline(always)]
         fn max(self, x: f64x4, bound: f64x4) -> f64x4 {
             self.max_f64s(x, bound)
@@ -108,7 +108,7 @@ mod x86 {
             numbers.copy_from_slice(&cast::<f32x8, [f32; 8]>(self.convert_f64x8_to_f32x8(x)));
         }
 
-        // As of AVX2.
+        // As with AVX2.
         #[inline(always)]
         fn max(self, x: f64x8, bound: f64x8) -> f64x8 {
             self.max_f64s(x, bound)
@@ -119,7 +119,7 @@ mod x86 {
             self.min_f64s(x, bound)
         }
 
-        // 8: without exceptions; 1 and 2: downwards and upwards.
+        // 8 suppresses exceptions; 1 rounds down, 2 rounds up.
         #[inline(always)]
         fn floor(self, x: f64x8) -> f64x8 {
             cast(self.avx512f._mm512_roundscale_pd::<{ 8 | 1 }>(cast(x)))
@@ -142,10 +142,10 @@ mod x86 {
     }
 }
 
-/// Two lanes, which are taken one by one: pulp has no such functions for NEON.
+/// The two lanes one by one, because pulp has no such functions for NEON.
 #[cfg(target_arch = "aarch64")]
 mod neon {
-    use super::{Lanes, cast};
+    use super::Lanes;
     use pulp::aarch64::Neon;
     use pulp::{f64x2, u64x2};
 
@@ -162,7 +162,7 @@ mod neon {
     impl Lanes for Neon {
         #[inline(always)]
         fn widen(self, numbers: &[f32]) -> f64x2 {
-            cast([f64::from(numbers[0]), f64::from(numbers[1])])
+            f64x2(f64::from(numbers[0]), f64::from(numbers[1]))
         }
 
         #[inline(always)]
@@ -170,7 +170,7 @@ mod neon {
             numbers.copy_from_slice(&[x.0 as f32, x.1 as f32]);
         }
 
-        // NEON's own instruction gives NaN where one of both is.
+        // NEON's own instruction returns NaN if either number is.
         #[inline(always)]
         fn max(self, x: f64x2, bound: f64x2) -> f64x2 {
             both(

@@ -96,20 +96,20 @@ impl View {
         (centre + extent).is_below(centre.all(0.5)) | end.is_below(centre - extent)
     }
 
-    /// Vectors of the row of the rotation that a camera axis is.
+    /// A camera axis in the world: a row of the rotation, the same in every lane.
     #[inline(always)]
     pub(super) fn row<S: Lanes>(&self, simd: S, axis: usize) -> Vector3<S> {
         Vector3::splat(simd, self.rotation.row(axis))
     }
 
-    /// Of the world, in camera axes.
+    /// Turns a vector of the world into camera axes.
     #[inline(always)]
     pub(super) fn turn<S: Lanes>(&self, v: Vector3<S>) -> Vector3<S> {
         let simd = v.x.simd();
         Vector3::new(self.row(simd, 0).dot(v), self.row(simd, 1).dot(v), self.row(simd, 2).dot(v))
     }
 
-    /// The direction from the camera to a place of the world, and one over its distance.
+    /// The direction from the camera to a place in the world, and one over the distance.
     #[inline(always)]
     pub(super) fn direction<S: Lanes>(&self, place: Vector3<S>) -> (Vector3<S>, F64s<S>) {
         let offset = place - Vector3::splat(place.x.simd(), self.position);
@@ -117,7 +117,7 @@ impl View {
         (offset * inverse, inverse)
     }
 
-    /// A place of the world, in camera axes.
+    /// Camera coordinates of a place in the world.
     #[inline(always)]
     pub(super) fn place<S: Lanes>(&self, place: Vector3<S>) -> Vector3<S> {
         self.turn(place) + Vector3::splat(place.x.simd(), self.translation)
@@ -280,7 +280,7 @@ pub(super) struct Footprint<S: Lanes> {
 }
 
 impl<S: Lanes> Footprint<S> {
-    /// Of the Gaussians of vector number `at` of the columns.
+    /// `at` is the number of the vector in the columns; `activations` are those of the same Gaussians.
     #[inline(always)]
     pub(super) fn new(
         simd: S,

@@ -37,7 +37,8 @@ pub(super) fn small_integer(x: f64) -> u32 {
     (x + ONES).to_bits() as u32
 }
 
-/// e^x, relative error below 1e-11 where the result is a normal number; 0 or a huge number beyond |x| = 690.
+/// e^x, relative error below 1e-11 where the result is a normal number; 0 or a huge number beyond |x| = 690,
+/// 0 if x is NaN.
 #[inline(always)]
 pub(super) fn exp<S: Lanes>(x: F64s<S>) -> F64s<S> {
     // Taylor's polynomial on |f| ≤ ln 2 / 2: the first term left out is 7e-12 of the sum.
@@ -89,7 +90,7 @@ pub(super) fn log2_of<S: Lanes>(x: F64s<S>) -> F64s<S> {
     (2.0 * LOG2_E * s).mul_add(series, e)
 }
 
-/// [`log2_of`] one number, for loops that the compiler turns into vector instructions.
+/// As [`log2_of`], of one number, for loops that the compiler vectorises.
 #[inline(always)]
 pub(crate) fn log2(x: f64) -> f64 {
     log2_of(F64s::splat(Scalar, x)).number()

@@ -50,7 +50,7 @@ pub(super) fn direction_gradient<const DEGREE: usize, S: Lanes>(
     let w = weight;
     let (zero, one) = (x.all(0.0), x.all(1.0));
     let mut gradient = [zero; 3];
-    // A macro: a closure that is called so often is not inlined.
+    // A macro, because a closure that is called so often is not inlined.
     macro_rules! add {
         ($k:expr, $c:expr, $by:expr) => {{
             let (weight, by) = (w[$k] * $c, $by);

@@ -1,6 +1,6 @@
 //! Shapes and colours of the splats of a block: culling, projection, bounds.
 //!
-//! Each step is a kernel of its own, because its loop needs all registers.
+//! Each step is a kernel of its own, because each loop needs all registers.
 
 use super::footprint::{BLOCK, Columns, Footprint, View};
 use super::project::Splat;
@@ -106,8 +106,8 @@ impl<const DEGREE: usize> Kernel for FindBasis<'_, DEGREE> {
     }
 }
 
-/// The colours, before they are cut at 0, of Gaussians with numbers `gaussians` in the block whose coefficients are `sh`. One by one: a
-/// Gaussian's coefficients lie together, and to turn them to columns would take longer than to use them.
+/// The colours, before they are cut at 0, of Gaussians with numbers `gaussians` in the block whose coefficients are `sh`. One Gaussian at
+/// a time: its coefficients lie together in memory, and each is used only once, so columns of them would take longer to make than they save.
 #[inline(always)]
 pub(super) fn find_colours<const DEGREE: usize, const FMA: bool>(
     colours: &mut [[f32; 3]; BLOCK],

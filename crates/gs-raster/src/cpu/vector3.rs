@@ -1,4 +1,4 @@
-//! Vectors of space whose coordinates are vectors of numbers: the same coordinate of several Gaussians.
+//! Three-dimensional vectors of several Gaussians at once: each coordinate is a vector of numbers, one lane per Gaussian.
 
 use cpu_kernels::lanes::{F64s, Lanes, Mask};
 use cpu_kernels::pulp::Scalar;
@@ -18,7 +18,7 @@ impl<S: Lanes> Vector3<S> {
         Self { x, y, z }
     }
 
-    /// The same vector of space in every lane.
+    /// The same three-dimensional vector in every lane.
     #[inline(always)]
     pub(super) fn splat(simd: S, v: DVec3) -> Self {
         Self { x: F64s::splat(simd, v.x), y: F64s::splat(simd, v.y), z: F64s::splat(simd, v.z) }
@@ -60,7 +60,7 @@ impl<S: Lanes> Vector3<S> {
         self.dot(self)
     }
 
-    /// Not fused, so that the cross product of parallel vectors is 0 where the products are exact or equal.
+    /// Without fused multiply-adds: those would leave a rounding error where two equal products cancel.
     #[inline(always)]
     pub(super) fn cross(self, other: Self) -> Self {
         Self {

@@ -324,14 +324,15 @@ fn projection(seconds: &mut Seconds) -> Outcome {
     let camera = Camera::looking_at(lens, DVec3::ZERO, DVec3::Z, DVec3::NEG_Y).or_work()?;
     let mut random = Random(4);
     let (mut beside, mut behind) = (Gaussians::empty(2).or_work()?, Gaussians::empty(2).or_work()?);
-    // The first two of them hide everything else, so that no pixel gives it a gradient.
+    // A wall so opaque that blending ends within it. What is behind it is projected back, with gradients of 0.
     for _ in 0..3 {
         behind.push([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 9.0, &[0.0; 27]);
     }
     for _ in 0..4000 {
         let sh: [f32; 27] = std::array::from_fn(|_| random.unit() - 0.5);
         let rotation = [1.0, 0.01 * random.unit(), 0.01, 0.01 * random.unit()];
-        // Upright needles left of the image: balls around them reach into it, they do not. So their shapes and colours are found.
+        // Upright needles left of the image. The balls around them reach into it, so their shapes and colours are computed; the needles
+        // themselves do not, so nothing follows.
         let mean = [-0.8 - 0.2 * random.unit(), 0.6 * random.unit() - 0.3, 2.0];
         beside.push(mean, rotation, [-5.0, -1.5, -5.0], 3.0, &sh);
         let mean = [1.2 * random.unit() - 0.6, 1.2 * random.unit() - 0.6, 2.0 + random.unit()];
