@@ -27,12 +27,13 @@ impl Lanes for Scalar {
 
     #[inline(always)]
     fn floor(self, x: f64) -> f64 {
-        x.floor()
+        let near = nearest(x);
+        if near > x { near - 1.0 } else { near }
     }
 
     #[inline(always)]
     fn ceil(self, x: f64) -> f64 {
-        x.ceil()
+        -self.floor(-x)
     }
 
     #[inline(always)]
@@ -44,6 +45,16 @@ impl Lanes for Scalar {
     fn from_exponent(self, bits: u64) -> u64 {
         bits >> 52
     }
+}
+
+/// A nearest whole number, with the sign of x. SSE2 has no instruction for it, and `f64::floor` is a call of a function there, before which all
+/// registers are stored.
+#[inline(always)]
+fn nearest(x: f64) -> f64 {
+    // 2⁵², from which on all numbers are whole. Added to a smaller number, it leaves no room for a fraction.
+    const WHOLE: f64 = 4_503_599_627_370_496.0;
+    let size = x.abs();
+    if size < WHOLE { ((size + WHOLE) - WHOLE).copysign(x) } else { x }
 }
 
 #[cfg(target_arch = "x86_64")]
