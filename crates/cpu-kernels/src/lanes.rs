@@ -25,9 +25,9 @@ pub trait Lanes: Simd {
     /// The smallest whole number that is not below.
     fn ceil(self, x: Self::f64s) -> Self::f64s;
     /// The low 12 bits, moved to where sign and exponent are.
-    fn to_exponent(self, bits: Self::u64s) -> Self::u64s;
+    fn low_to_exponent(self, bits: Self::u64s) -> Self::u64s;
     /// The bits of sign and exponent, moved to the low end.
-    fn from_exponent(self, bits: Self::u64s) -> Self::u64s;
+    fn exponent_to_low(self, bits: Self::u64s) -> Self::u64s;
 }
 
 /// Work that runs on the vectors of any instruction set. pulp's `WithSimd` with the operations of [`Lanes`].
@@ -300,14 +300,14 @@ impl<S: Lanes> U64s<S> {
 
     /// The low 12 bits, moved to where sign and exponent are.
     #[inline(always)]
-    pub fn to_exponent(self) -> Self {
-        Self { value: self.simd.to_exponent(self.value), ..self }
+    pub fn low_to_exponent(self) -> Self {
+        Self { value: self.simd.low_to_exponent(self.value), ..self }
     }
 
     /// The bits of sign and exponent, moved to the low end.
     #[inline(always)]
-    pub fn from_exponent(self) -> Self {
-        Self { value: self.simd.from_exponent(self.value), ..self }
+    pub fn exponent_to_low(self) -> Self {
+        Self { value: self.simd.exponent_to_low(self.value), ..self }
     }
 }
 

@@ -37,12 +37,12 @@ impl Lanes for Scalar {
     }
 
     #[inline(always)]
-    fn to_exponent(self, bits: u64) -> u64 {
+    fn low_to_exponent(self, bits: u64) -> u64 {
         bits << 52
     }
 
     #[inline(always)]
-    fn from_exponent(self, bits: u64) -> u64 {
+    fn exponent_to_low(self, bits: u64) -> u64 {
         bits >> 52
     }
 }
@@ -97,12 +97,12 @@ mod x86 {
         }
 
         #[inline(always)]
-        fn to_exponent(self, bits: u64x4) -> u64x4 {
+        fn low_to_exponent(self, bits: u64x4) -> u64x4 {
             self.shl_const_u64x4::<52>(bits)
         }
 
         #[inline(always)]
-        fn from_exponent(self, bits: u64x4) -> u64x4 {
+        fn exponent_to_low(self, bits: u64x4) -> u64x4 {
             self.shr_const_u64x4::<52>(bits)
         }
     }
@@ -142,12 +142,12 @@ mod x86 {
         }
 
         #[inline(always)]
-        fn to_exponent(self, bits: u64x8) -> u64x8 {
+        fn low_to_exponent(self, bits: u64x8) -> u64x8 {
             self.shl_const_u64x8::<52>(bits)
         }
 
         #[inline(always)]
-        fn from_exponent(self, bits: u64x8) -> u64x8 {
+        fn exponent_to_low(self, bits: u64x8) -> u64x8 {
             self.shr_const_u64x8::<52>(bits)
         }
     }
@@ -213,12 +213,12 @@ mod neon {
         }
 
         #[inline(always)]
-        fn to_exponent(self, bits: u64x2) -> u64x2 {
+        fn low_to_exponent(self, bits: u64x2) -> u64x2 {
             u64x2(bits.0 << 52, bits.1 << 52)
         }
 
         #[inline(always)]
-        fn from_exponent(self, bits: u64x2) -> u64x2 {
+        fn exponent_to_low(self, bits: u64x2) -> u64x2 {
             u64x2(bits.0 >> 52, bits.1 >> 52)
         }
     }

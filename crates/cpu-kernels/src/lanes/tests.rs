@@ -65,8 +65,8 @@ impl Kernel for Everything {
         each("or", &|x, y| flag(x.is_below(y) | x.is_below(x.all(0.5))));
         each("not", &|x, y| flag(!x.is_below(y)));
         each("exponents", &|x, _| {
-            let exponents = x.to_bits().from_exponent() + 3 - 2;
-            ((exponents & 0xff) | 0x100).to_exponent().as_f64s()
+            let exponents = x.to_bits().exponent_to_low() + 3 - 2;
+            ((exponents & 0xff) | 0x100).low_to_exponent().as_f64s()
         });
         found.push(("narrow and widen", narrow_and_widen(simd)));
         found

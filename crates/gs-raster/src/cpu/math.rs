@@ -63,7 +63,7 @@ pub(super) fn exp<S: Lanes>(x: F64s<S>) -> F64s<S> {
     for &term in TAYLOR[..9].iter().rev() {
         p = p.mul_add(f, x.all(term));
     }
-    (p.to_bits() + rounded.to_bits().to_exponent()).as_f64s()
+    (p.to_bits() + rounded.to_bits().low_to_exponent()).as_f64s()
 }
 
 /// log₂ of a positive normal number, absolute error below 1e-10.
@@ -77,7 +77,7 @@ pub(super) fn log2_of<S: Lanes>(x: F64s<S>) -> F64s<S> {
     // The exponent as a number, without a conversion from 64-bit integers, which only the newest instruction sets
     // have: biased, in the low bits of 2⁵².
     const MAGIC: f64 = 4_503_599_627_370_496.0;
-    let biased = (exponent_bits + (1023 << 52)).from_exponent();
+    let biased = (exponent_bits + (1023 << 52)).exponent_to_low();
     let e = (biased | MAGIC.to_bits()).as_f64s() - (MAGIC + 1023.0);
     // ln m = 2 artanh s; |s| ≤ 0.172.
     const SERIES: [f64; 6] = [1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0, 1.0];

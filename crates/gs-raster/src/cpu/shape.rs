@@ -99,8 +99,8 @@ impl<const DEGREE: usize> Kernel for FindBasis<'_, DEGREE> {
         for at in 0..self.count.div_ceil(S::F32_LANES) {
             let direction = [F32s::load(simd, x, at), F32s::load(simd, y, at), F32s::load(simd, z, at)];
             let values = sh::basis::<DEGREE, S>(direction);
-            for k in 0..sh_coefficients(DEGREE) {
-                values[k].store(&mut self.basis[k], at);
+            for (column, values) in self.basis.iter_mut().zip(values).take(sh_coefficients(DEGREE)) {
+                values.store(column, at);
             }
         }
     }
