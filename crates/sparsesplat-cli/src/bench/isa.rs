@@ -329,13 +329,13 @@ fn projection(seconds: &mut Seconds) -> Outcome {
         behind.push([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 9.0, &[0.0; 27]);
     }
     for _ in 0..4000 {
-        let sh: [f32; 27] = std::array::from_fn(|_| random.unit() - 0.5);
+        let sh: [f32; 27] = std::array::from_fn(|_| 0.5 * random.unit());
         let rotation = [1.0, 0.01 * random.unit(), 0.01, 0.01 * random.unit()];
         // Upright needles left of the image. The balls around them reach into it, so their shapes and colours are computed; the needles
         // themselves do not, so nothing follows.
-        let mean = [-0.8 - 0.2 * random.unit(), 0.6 * random.unit() - 0.3, 2.0];
+        let mean = [-0.9 + 0.1 * random.unit(), 0.3 * random.unit(), 2.0];
         beside.push(mean, rotation, [-5.0, -1.5, -5.0], 3.0, &sh);
-        let mean = [1.2 * random.unit() - 0.6, 1.2 * random.unit() - 0.6, 2.0 + random.unit()];
+        let mean = [0.6 * random.unit(), 0.6 * random.unit(), 2.5 + 0.5 * random.unit()];
         behind.push(mean, rotation, [-5.0, -4.5, -5.2], 0.5, &sh);
     }
     let (mut rasterizer, settings) = (Rasterizer::cpu(), RenderSettings::default());
