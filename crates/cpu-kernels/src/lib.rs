@@ -5,6 +5,7 @@ pub use pulp;
 
 mod activation;
 mod gemm;
+pub mod lanes;
 mod norm;
 pub mod rows;
 mod tile;

@@ -20,7 +20,7 @@ const ROW: usize = Gaussians::GEOMETRY;
 
 /// Opacities are brought into this range before they are drawn, or their logit is taken. Nothing is drawn below `alpha_min`, which is at least 1e-6,
 /// and the renderer's `alpha_max` is at most the largest number below 1: the picture is that of the limits 0 and 1.
-const OPACITIES: (f32, f32) = (f32::MIN_POSITIVE, 1.0 - f32::EPSILON / 2.0);
+pub(crate) const OPACITIES: (f32, f32) = (f32::MIN_POSITIVE, 1.0 - f32::EPSILON / 2.0);
 
 /// N Gaussians as arrays of activated numbers, row-major, borrowed from whoever holds them.
 ///

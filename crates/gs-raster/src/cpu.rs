@@ -14,6 +14,7 @@ mod sh;
 mod shape;
 mod span;
 mod sums;
+mod vector3;
 
 use crate::settings::{INTERSECTIONS_MAX, INTERSECTIONS_MAX_RECORDED};
 use crate::{

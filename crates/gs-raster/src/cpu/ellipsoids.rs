@@ -1,10 +1,13 @@
 //! Gaussians as solid ellipsoids: no order and no blending, each pixel keeps the nearest front.
 
 use super::footprint::{BLOCK, Columns, Footprint, View};
+use super::vector3::Vector3;
 use super::{Grid, TILE, sh};
 use crate::StageSeconds;
 use crate::settings::{ELLIPSOID_AMBIENT, INTERSECTIONS_MAX};
 use crate::{ELLIPSOID_OPACITY_MIN, ELLIPSOID_SIGMA, Error, RenderSettings, RenderStats, Rendering, Result};
+use cpu_kernels::lanes::{F32s, F64s};
+use cpu_kernels::pulp::Scalar;
 use cpu_kernels::{Isa, compiled_for};
 use glam::{DVec2, DVec3};
 use gs_scene::{Camera, Gaussians, Image, sh_coefficients};
@@ -108,29 +111,36 @@ fn project(view: &View, degree: usize, geometry: &[f32], sh: &[f32]) -> (Vec<Ell
         for (place, row) in rows.chunks_exact(Gaussians::GEOMETRY).enumerate() {
             columns.set(place, row);
         }
-        let activations = columns.activate();
         for (place, sh) in sh.chunks_exact(sh_row).enumerate() {
-            if !columns.is_finite(place) {
+            if !columns.is_finite(Scalar, place).holds() {
                 rejected += 1;
                 continue;
             }
-            let footprint = Footprint::new(view, &columns, &activations, place);
-            if !(footprint.mean.z > view.near && footprint.mean.z < view.far) {
+            let activations = columns.activate(Scalar, place);
+            let footprint = Footprint::new(Scalar, view, &columns, &activations, place);
+            let depth = footprint.mean.z.number();
+            if !(depth > view.near && depth < view.far) {
                 continue;
             }
-            if footprint.norm == 0.0 || footprint.given_scale.max_element() > f64::from(f32::MAX) {
+            let largest_scale = footprint.given_scale.max_element().number();
+            if footprint.norm.number() == 0.0 || largest_scale > f64::from(f32::MAX) {
                 rejected += 1;
                 continue;
             }
-            if footprint.opacity * footprint.compensation < f64::from(ELLIPSOID_OPACITY_MIN) {
+            let opacity = (footprint.opacity * footprint.compensation).number();
+            if opacity < f64::from(ELLIPSOID_OPACITY_MIN) {
                 continue;
             }
             let mut ellipsoid = Ellipsoid::new(view, &footprint);
-            let outside = |axis: usize| view.is_outside(axis, ellipsoid.mean[axis], ellipsoid.extent[axis]);
+            let outside = |axis: usize| {
+                let [mean, extent] = [ellipsoid.mean, ellipsoid.extent].map(|v| F64s::splat(Scalar, v[axis]));
+                view.is_outside(axis, mean, extent).holds()
+            };
             if outside(0) || outside(1) {
                 continue;
             }
-            let direction = (columns.mean(place) - view.position).normalize().as_vec3().to_array();
+            let offset = columns.mean(Scalar, place).vector() - view.position;
+            let direction = offset.normalize().as_vec3().to_array();
             ellipsoid.rgb = colour(degree, direction, sh);
             if ellipsoid.is_finite() {
                 ellipsoid.rgb = ellipsoid.rgb.map(|channel| channel.max(0.0));
@@ -145,32 +155,33 @@ fn project(view: &View, degree: usize, geometry: &[f32], sh: &[f32]) -> (Vec<Ell
 
 /// ½ + Σ Y · sh.
 fn colour(degree: usize, direction: [f32; 3], sh: &[f32]) -> [f32; 3] {
+    let direction = direction.map(|number| F32s::splat(Scalar, number));
     let basis = match degree {
-        0 => sh::basis::<0>(direction),
-        1 => sh::basis::<1>(direction),
-        2 => sh::basis::<2>(direction),
-        _ => sh::basis::<3>(direction),
+        0 => sh::basis::<0, _>(direction),
+        1 => sh::basis::<1, _>(direction),
+        2 => sh::basis::<2, _>(direction),
+        _ => sh::basis::<3, _>(direction),
     };
     let mut rgb = [0.5; 3];
     for (coefficients, basis) in sh.chunks_exact(3).zip(basis) {
         for (channel, coefficient) in rgb.iter_mut().zip(coefficients) {
-            *channel += basis * coefficient;
+            *channel += basis.number() * coefficient;
         }
     }
     rgb
 }
 
 impl Ellipsoid {
-    fn new(view: &View, footprint: &Footprint) -> Self {
-        let Footprint { a, b, c, det, .. } = *footprint;
+    fn new(view: &View, footprint: &Footprint<Scalar>) -> Self {
+        let [a, b, c, det] = [footprint.a, footprint.b, footprint.c, footprint.det].map(F64s::number);
         let shear = b / c;
         let conic = DVec2::new(c / det, 1.0 / c);
         // Row of the camera's z axis in the Gaussian's axes and scales: a unit step along z.
         let z_axis = view.rotation.row(2);
-        let axes = footprint.axes;
-        let along_z = DVec3::new(z_axis.dot(axes.x_axis), z_axis.dot(axes.y_axis), z_axis.dot(axes.z_axis))
-            * footprint.scale;
-        let [u, v] = footprint.rows;
+        let [x_axis, y_axis, own_z_axis] = footprint.axes.map(Vector3::vector);
+        let along_z = DVec3::new(z_axis.dot(x_axis), z_axis.dot(y_axis), z_axis.dot(own_z_axis))
+            * footprint.scale.vector();
+        let [u, v] = footprint.rows.map(Vector3::vector);
         let with = DVec2::new((u - v * shear).dot(along_z), v.dot(along_z));
         let slope = conic * with;
         // What is left of z once the pixel is given, along the Gaussian's axes and those of the low-pass filter: as a sum of
@@ -178,12 +189,11 @@ impl Ellipsoid {
         let rest = along_z - (u - v * shear) * slope.x - v * slope.y;
         let filtered = DVec2::new(slope.x, slope.y - shear * slope.x);
         let variance = rest.length_squared() + view.eps2d * filtered.length_squared();
-        let centre = |axis: usize| view.focal[axis] * footprint.slope[axis] + view.centre[axis];
         Self {
-            mean: DVec2::new(centre(0), centre(1)),
+            mean: DVec2::new(footprint.centre(view, 0).number(), footprint.centre(view, 1).number()),
             conic,
             shear,
-            z: footprint.mean.z,
+            z: footprint.mean.z.number(),
             slope,
             sigma_z: variance.sqrt(),
             extent: DVec2::new(a.sqrt(), c.sqrt()) * f64::from(ELLIPSOID_SIGMA),

@@ -1,17 +1,18 @@
 //! The EWA projection of a Gaussian (Zwicker et al. 2001), shared by the pass forward and the pass backward.
 //!
-//! In f64, and rounded once by the callers: scenes far from the origin, needles and huge scales keep their precision. No
-//! branches and no calls, so that loops over Gaussians become vector instructions. A Gaussian that is not drawn gives an arbitrary
-//! number, possibly NaN.
+//! In f64, and rounded once by the callers: scenes far from the origin, needles and huge scales keep their precision. In vectors of
+//! several Gaussians, without branches. A Gaussian that is not drawn gives an arbitrary number, possibly NaN.
 
 use super::math;
-use crate::activated::inside;
+use super::vector3::Vector3;
+use crate::activated::OPACITIES;
 use crate::{Activated, RenderSettings, SLOPE_MARGIN};
-use glam::{DMat3, DQuat, DVec3};
+use cpu_kernels::lanes::{F64s, Lanes, Mask};
+use glam::{DMat3, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
 use std::f64::consts::LOG2_E;
 
-/// Gaussians that go through the arithmetic together.
+/// Gaussians that are taken from their source together; a multiple of the lanes of every instruction set.
 pub(super) const BLOCK: usize = 64;
 /// Added to the squared Mahalanobis distance that bounds a footprint: far above the rounding of the blending stage,
 /// which takes the decision itself, and too small to cost anything.
@@ -84,14 +85,42 @@ impl View {
 
     /// The slope at which the Jacobian is evaluated.
     #[inline(always)]
-    pub(super) fn clamp(&self, axis: usize, slope: f64) -> f64 {
-        slope.max(self.slope_min[axis]).min(self.slope_max[axis])
+    pub(super) fn clamp<S: Lanes>(&self, axis: usize, slope: F64s<S>) -> F64s<S> {
+        slope.clamp(self.slope_min[axis], self.slope_max[axis])
     }
 
     /// Whether what reaches `extent` pixels around `centre` misses every pixel centre.
     #[inline(always)]
-    pub(super) fn is_outside(&self, axis: usize, centre: f64, extent: f64) -> bool {
-        (centre + extent < 0.5) | (centre - extent > self.size[axis] - 0.5)
+    pub(super) fn is_outside<S: Lanes>(&self, axis: usize, centre: F64s<S>, extent: F64s<S>) -> Mask<S> {
+        let end = centre.all(self.size[axis] - 0.5);
+        (centre + extent).is_below(centre.all(0.5)) | end.is_below(centre - extent)
+    }
+
+    /// A camera axis in the world: a row of the rotation, the same in every lane.
+    #[inline(always)]
+    pub(super) fn row<S: Lanes>(&self, simd: S, axis: usize) -> Vector3<S> {
+        Vector3::splat(simd, self.rotation.row(axis))
+    }
+
+    /// Turns a vector of the world into camera axes.
+    #[inline(always)]
+    pub(super) fn turn<S: Lanes>(&self, v: Vector3<S>) -> Vector3<S> {
+        let simd = v.x.simd();
+        Vector3::new(self.row(simd, 0).dot(v), self.row(simd, 1).dot(v), self.row(simd, 2).dot(v))
+    }
+
+    /// The direction from the camera to a place in the world, and one over the distance.
+    #[inline(always)]
+    pub(super) fn direction<S: Lanes>(&self, place: Vector3<S>) -> (Vector3<S>, F64s<S>) {
+        let offset = place - Vector3::splat(place.x.simd(), self.position);
+        let inverse = offset.length_squared().sqrt().recip();
+        (offset * inverse, inverse)
+    }
+
+    /// Camera coordinates of a place in the world.
+    #[inline(always)]
+    pub(super) fn place<S: Lanes>(&self, place: Vector3<S>) -> Vector3<S> {
+        self.turn(place) + Vector3::splat(place.x.simd(), self.translation)
     }
 }
 
@@ -103,13 +132,13 @@ pub(super) struct Columns {
     pub(super) is_activated: bool,
 }
 
-/// Scales and opacities of the Gaussians of [`Columns`].
-pub(super) struct Activations {
+/// Scales and opacities of Gaussians.
+pub(super) struct Activations<S: Lanes> {
     /// Standard deviations along the three axes, scene units.
-    scales: [[f64; BLOCK]; 3],
-    opacities: [f64; BLOCK],
+    scale: Vector3<S>,
+    opacity: F64s<S>,
     /// The derivative of the logarithm of the opacity by the number that the source holds.
-    by_number: [f64; BLOCK],
+    pub(super) log_opacity_by_number: F64s<S>,
 }
 
 impl Columns {
@@ -149,159 +178,148 @@ impl Columns {
         }
     }
 
-    /// Whether every number at `place` is finite.
+    /// Vector number `at` of a column.
     #[inline(always)]
-    pub(super) fn is_finite(&self, place: usize) -> bool {
-        let mut zero = 0.0;
-        for column in &self.numbers {
-            zero += column[place] * 0.0;
+    fn vector<S: Lanes>(&self, simd: S, column: usize, at: usize) -> F64s<S> {
+        F64s::widen(simd, &self.numbers[column], at)
+    }
+
+    /// Whether every number is finite.
+    #[inline(always)]
+    pub(super) fn is_finite<S: Lanes>(&self, simd: S, at: usize) -> Mask<S> {
+        let zero = F64s::splat(simd, 0.0);
+        let mut sum = zero;
+        for column in 0..Gaussians::GEOMETRY {
+            sum = self.vector(simd, column, at).mul_add(zero, sum);
         }
-        zero == 0.0
+        sum.equals(zero)
     }
 
     #[inline(always)]
-    fn vector(&self, first: usize, place: usize) -> DVec3 {
-        let column = |k: usize| f64::from(self.numbers[first + k][place]);
-        DVec3::new(column(0), column(1), column(2))
+    fn three<S: Lanes>(&self, simd: S, first: usize, at: usize) -> Vector3<S> {
+        Vector3::new(
+            self.vector(simd, first, at),
+            self.vector(simd, first + 1, at),
+            self.vector(simd, first + 2, at),
+        )
     }
 
     #[inline(always)]
-    pub(super) fn mean(&self, place: usize) -> DVec3 {
-        self.vector(MEAN.start, place)
+    pub(super) fn mean<S: Lanes>(&self, simd: S, at: usize) -> Vector3<S> {
+        self.three(simd, MEAN.start, at)
     }
 
+    /// (w, x, y, z).
     #[inline(always)]
-    pub(super) fn quaternion(&self, place: usize) -> DQuat {
-        let column = |k: usize| f64::from(self.numbers[QUATERNION.start + k][place]);
-        DQuat::from_xyzw(column(1), column(2), column(3), column(0))
+    fn quaternion<S: Lanes>(&self, simd: S, at: usize) -> [F64s<S>; 4] {
+        let Vector3 { x, y, z } = self.three(simd, QUATERNION.start + 1, at);
+        [self.vector(simd, QUATERNION.start, at), x, y, z]
     }
 
     /// The largest scale of each Gaussian.
     #[inline(always)]
-    pub(super) fn largest_scales(&self) -> [f64; BLOCK] {
-        let mut found = [0.0; BLOCK];
-        for (place, found) in found.iter_mut().enumerate() {
-            *found = self.vector(LOG_SCALE.start, place).max_element();
-        }
-        if !self.is_activated {
-            found.iter_mut().for_each(|number| *number = math::exp(*number));
-        }
-        found
+    pub(super) fn largest_scale<S: Lanes>(&self, simd: S, at: usize) -> F64s<S> {
+        let found = self.three(simd, LOG_SCALE.start, at).max_element();
+        if self.is_activated { found } else { math::exp(found) }
     }
 
     /// Scales and opacities: exp of what is stored, and its sigmoid.
     #[inline(always)]
-    pub(super) fn activate(&self) -> Activations {
-        let mut found =
-            Activations { scales: [[0.0; BLOCK]; 3], opacities: [0.0; BLOCK], by_number: [0.0; BLOCK] };
-        let Activations { scales, opacities, by_number } = &mut found;
-        let numbers = &self.numbers[OPACITY_LOGIT];
-        let columns = scales.iter_mut().zip(&self.numbers[LOG_SCALE]);
+    pub(super) fn activate<S: Lanes>(&self, simd: S, at: usize) -> Activations<S> {
+        let scale = self.three(simd, LOG_SCALE.start, at);
+        let number = self.vector(simd, OPACITY_LOGIT, at);
         if self.is_activated {
-            columns.for_each(|(scales, numbers)| {
-                scales.iter_mut().zip(numbers).for_each(|(scale, number)| *scale = f64::from(*number));
-            });
-            for place in 0..BLOCK {
-                opacities[place] = inside(numbers[place]);
-                by_number[place] = opacities[place].recip();
-            }
+            let opacity = number.clamp(f64::from(OPACITIES.0), f64::from(OPACITIES.1));
+            Activations { scale, opacity, log_opacity_by_number: opacity.recip() }
         } else {
-            columns.for_each(|(scales, numbers)| {
-                scales
-                    .iter_mut()
-                    .zip(numbers)
-                    .for_each(|(scale, number)| *scale = math::exp(f64::from(*number)));
-            });
-            for place in 0..BLOCK {
-                let e = math::exp(-f64::from(numbers[place]));
-                opacities[place] = (1.0 + e).recip();
+            let e = math::exp(-number);
+            let opacity = (1.0 + e).recip();
+            Activations {
+                scale: Vector3::new(math::exp(scale.x), math::exp(scale.y), math::exp(scale.z)),
+                opacity,
                 // One less the opacity.
-                by_number[place] = e * opacities[place];
+                log_opacity_by_number: e * opacity,
             }
         }
-        found
     }
 }
 
-impl Activations {
-    #[inline(always)]
-    fn scale(&self, place: usize) -> DVec3 {
-        DVec3::new(self.scales[0][place], self.scales[1][place], self.scales[2][place])
-    }
-
-    /// The derivative of the logarithm of the opacity by the number that the source holds.
-    #[inline(always)]
-    pub(super) fn log_opacity_by_number(&self, place: usize) -> f64 {
-        self.by_number[place]
-    }
-}
-
-/// One Gaussian as one view sees it, before anything is bounded.
-pub(super) struct Footprint {
+/// Gaussians as one view sees them, before anything is bounded.
+pub(super) struct Footprint<S: Lanes> {
     /// The mean in camera axes.
-    pub(super) mean: DVec3,
-    pub(super) inverse_z: f64,
+    pub(super) mean: Vector3<S>,
+    pub(super) inverse_z: F64s<S>,
     /// x/z and y/z, as they are and as they enter the Jacobian.
-    pub(super) slope: [f64; 2],
-    pub(super) clamped: [f64; 2],
+    pub(super) slope: [F64s<S>; 2],
+    pub(super) clamped: [F64s<S>; 2],
     /// Length of the given quaternion, which is of unit length in `quaternion`.
-    pub(super) norm: f64,
-    pub(super) quaternion: DQuat,
+    pub(super) norm: F64s<S>,
+    /// (w, x, y, z).
+    pub(super) quaternion: [F64s<S>; 4],
     /// Columns: the Gaussian's axes in the world.
-    pub(super) axes: DMat3,
+    pub(super) axes: [Vector3<S>; 3],
     /// Standard deviations as given and as drawn, see [`SIGMA_MAX`].
-    pub(super) given_scale: DVec3,
-    pub(super) scale: DVec3,
+    pub(super) given_scale: Vector3<S>,
+    pub(super) scale: Vector3<S>,
     /// Rows of J · Rv, J the Jacobian of the projection: in the world's axes and in the Gaussian's.
-    pub(super) jacobian: [DVec3; 2],
-    pub(super) turned: [DVec3; 2],
+    pub(super) jacobian: [Vector3<S>; 2],
+    pub(super) turned: [Vector3<S>; 2],
     /// Rows of V = J · Rv · R · S.
-    pub(super) rows: [DVec3; 2],
+    pub(super) rows: [Vector3<S>; 2],
     /// Determinants of V Vᵀ and of the 2D covariance [a b; b c].
-    pub(super) det0: f64,
-    pub(super) det: f64,
-    pub(super) a: f64,
-    pub(super) b: f64,
-    pub(super) c: f64,
+    pub(super) det0: F64s<S>,
+    pub(super) det: F64s<S>,
+    pub(super) a: F64s<S>,
+    pub(super) b: F64s<S>,
+    pub(super) c: F64s<S>,
     /// Opacity as given, and what compensates it for the low-pass filter.
-    pub(super) opacity: f64,
-    pub(super) compensation: f64,
+    pub(super) opacity: F64s<S>,
+    pub(super) compensation: F64s<S>,
     /// Whether the compensation is that of the footprint, not the least one.
-    pub(super) compensates: bool,
+    pub(super) compensates: Mask<S>,
 }
 
-impl Footprint {
+impl<S: Lanes> Footprint<S> {
+    /// `at` is the number of the vector in the columns; `activations` are those of the same Gaussians.
     #[inline(always)]
-    pub(super) fn new(view: &View, columns: &Columns, activations: &Activations, place: usize) -> Self {
-        let mean = view.rotation * columns.mean(place) + view.translation;
+    pub(super) fn new(
+        simd: S,
+        view: &View,
+        columns: &Columns,
+        activations: &Activations<S>,
+        at: usize,
+    ) -> Self {
+        let mean = view.place(columns.mean(simd, at));
         let inverse_z = mean.z.recip();
         let slope = [mean.x * inverse_z, mean.y * inverse_z];
         let clamped = [view.clamp(0, slope[0]), view.clamp(1, slope[1])];
 
-        let quaternion = columns.quaternion(place);
-        let norm = quaternion.length();
-        let quaternion = quaternion * norm.recip();
-        let axes = DMat3::from_quat(quaternion);
-        let given_scale = activations.scale(place);
-        let scale = given_scale.min(DVec3::splat(SIGMA_MAX * mean.z / view.focal[0].max(view.focal[1])));
+        let [w, x, y, z] = columns.quaternion(simd, at);
+        let norm = w.mul_add(w, z.mul_add(z, y.mul_add(y, x * x))).sqrt();
+        let inverse = norm.recip();
+        let quaternion = [w * inverse, x * inverse, y * inverse, z * inverse];
+        let axes = axes(quaternion);
+        let given_scale = activations.scale;
+        let scale = given_scale.min(mean.z * (SIGMA_MAX / view.focal[0].max(view.focal[1])));
 
-        let forward = view.rotation.row(2);
-        // No closures over arrays here: those are not always inlined.
-        let j0 = (view.rotation.row(0) - forward * clamped[0]) * (view.focal[0] * inverse_z);
-        let j1 = (view.rotation.row(1) - forward * clamped[1]) * (view.focal[1] * inverse_z);
-        let t0 = DVec3::new(j0.dot(axes.x_axis), j0.dot(axes.y_axis), j0.dot(axes.z_axis));
-        let t1 = DVec3::new(j1.dot(axes.x_axis), j1.dot(axes.y_axis), j1.dot(axes.z_axis));
+        let forward = view.row(simd, 2);
+        let j0 = forward.mul_add(-clamped[0], view.row(simd, 0)) * (view.focal[0] * inverse_z);
+        let j1 = forward.mul_add(-clamped[1], view.row(simd, 1)) * (view.focal[1] * inverse_z);
+        let t0 = Vector3::new(j0.dot(axes[0]), j0.dot(axes[1]), j0.dot(axes[2]));
+        let t1 = Vector3::new(j1.dot(axes[0]), j1.dot(axes[1]), j1.dot(axes[2]));
         let (u, v) = (t0 * scale, t1 * scale);
         // The determinant as a sum of positive terms (Cauchy–Binet), because a c - b² cancels for needles.
         let (a0, b, c0) = (u.length_squared(), u.dot(v), v.length_squared());
         let det0 = u.cross(v).length_squared();
         let eps = view.eps2d;
-        let det = det0 + eps * (a0 + c0) + eps * eps;
+        let det = (a0 + c0).mul_add(a0.all(eps), det0) + eps * eps;
 
+        let least = F64s::splat(simd, if view.antialias { view.compensation_min } else { 1.0 });
         let ratio = (det0 / det).sqrt();
-        let least = if view.antialias { view.compensation_min } else { 1.0 };
-        let compensates = view.antialias & (ratio > least);
-        let compensation = if compensates { ratio } else { least };
+        // Without compensation nothing is above the least.
+        let above = if view.antialias { least } else { least.all(f64::INFINITY) };
+        let compensates = above.is_below(ratio);
+        let compensation = compensates.select(ratio, least);
         Self {
             mean,
             inverse_z,
@@ -320,9 +338,30 @@ impl Footprint {
             a: a0 + eps,
             b,
             c: c0 + eps,
-            opacity: activations.opacities[place],
+            opacity: activations.opacity,
             compensation,
             compensates,
         }
     }
+
+    /// The centres in the image along an axis, pixels.
+    #[inline(always)]
+    pub(super) fn centre(&self, view: &View, axis: usize) -> F64s<S> {
+        let slope = self.slope[axis];
+        slope.mul_add(slope.all(view.focal[axis]), slope.all(view.centre[axis]))
+    }
+}
+
+/// Columns of the rotation matrices of quaternions of unit length.
+#[inline(always)]
+fn axes<S: Lanes>([w, x, y, z]: [F64s<S>; 4]) -> [Vector3<S>; 3] {
+    let (x2, y2, z2) = (x + x, y + y, z + z);
+    let (xx, xy, xz) = (x * x2, x * y2, x * z2);
+    let (yy, yz, zz) = (y * y2, y * z2, z * z2);
+    let (wx, wy, wz) = (w * x2, w * y2, w * z2);
+    [
+        Vector3::new(1.0 - (yy + zz), xy + wz, xz - wy),
+        Vector3::new(xy - wz, 1.0 - (xx + zz), yz + wx),
+        Vector3::new(xz + wy, yz - wx, 1.0 - (xx + yy)),
+    ]
 }

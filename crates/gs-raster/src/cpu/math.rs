@@ -1,6 +1,8 @@
-//! Elementary functions without branches or calls, so that loops over them become vector instructions.
+//! Elementary functions of vectors, without branches or calls.
 
-use cpu_kernels::pulp::{Simd, cast};
+use cpu_kernels::lanes::{F64s, Lanes};
+use cpu_kernels::pulp::{Scalar, Simd, cast};
+use std::f64::consts::{LN_2, LOG2_E};
 
 /// a b + c, fused where the instruction set can (elsewhere a fused one would be a library call).
 #[inline(always)]
@@ -35,9 +37,10 @@ pub(super) fn small_integer(x: f64) -> u32 {
     (x + ONES).to_bits() as u32
 }
 
-/// e^x, relative error below 1e-11 where the result is a normal number; 0 or a huge number beyond |x| = 690.
+/// e^x, relative error below 1e-11 where the result is a normal number; 0 or a huge number beyond |x| = 690,
+/// 0 if x is NaN.
 #[inline(always)]
-pub(crate) fn exp(x: f64) -> f64 {
+pub(super) fn exp<S: Lanes>(x: F64s<S>) -> F64s<S> {
     // Taylor's polynomial on |f| ≤ ln 2 / 2: the first term left out is 7e-12 of the sum.
     const TAYLOR: [f64; 10] = [
         1.0,
@@ -54,41 +57,79 @@ pub(crate) fn exp(x: f64) -> f64 {
     // As in `exp2`, with 52 bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     let x = x.clamp(-690.0, 690.0);
-    let rounded = x * std::f64::consts::LOG2_E + ROUND;
-    let f = x - (rounded - ROUND) * std::f64::consts::LN_2;
-    let mut p = TAYLOR[9];
+    let rounded = x * LOG2_E + ROUND;
+    let f = (rounded - ROUND).mul_add(x.all(-LN_2), x);
+    let mut p = x.all(TAYLOR[9]);
     for &term in TAYLOR[..9].iter().rev() {
-        p = p * f + term;
+        p = p.mul_add(f, x.all(term));
     }
-    f64::from_bits(p.to_bits().wrapping_add(rounded.to_bits() << 52))
+    (p.to_bits() + rounded.to_bits().low_to_exponent()).as_f64s()
 }
 
 /// log₂ of a positive normal number, absolute error below 1e-10.
 #[inline(always)]
-pub(crate) fn log2(x: f64) -> f64 {
+pub(super) fn log2_of<S: Lanes>(x: F64s<S>) -> F64s<S> {
     // x = m 2^e with m in [√½, √2): the bits of √½ are subtracted, so that the exponent field changes at √2.
     const SQRT_HALF: u64 = std::f64::consts::FRAC_1_SQRT_2.to_bits();
     const EXPONENT: u64 = 0xfff << 52;
-    let exponent_bits = x.to_bits().wrapping_sub(SQRT_HALF) & EXPONENT;
-    let m = f64::from_bits(x.to_bits().wrapping_sub(exponent_bits));
+    let exponent_bits = (x.to_bits() - SQRT_HALF) & EXPONENT;
+    let m = (x.to_bits() - exponent_bits).as_f64s();
     // The exponent as a number, without a conversion from 64-bit integers, which only the newest instruction sets
     // have: biased, in the low bits of 2⁵².
     const MAGIC: f64 = 4_503_599_627_370_496.0;
-    let biased = (exponent_bits.wrapping_add(1023 << 52) >> 52) & 0xfff;
-    let e = f64::from_bits(MAGIC.to_bits() | biased) - (MAGIC + 1023.0);
+    let biased = (exponent_bits + (1023 << 52)).exponent_to_low();
+    let e = (biased | MAGIC.to_bits()).as_f64s() - (MAGIC + 1023.0);
     // ln m = 2 artanh s; |s| ≤ 0.172.
+    const SERIES: [f64; 6] = [1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0, 1.0];
     let s = (m - 1.0) / (m + 1.0);
     let ss = s * s;
-    let series =
-        1.0 + ss * (1.0 / 3.0 + ss * (1.0 / 5.0 + ss * (1.0 / 7.0 + ss * (1.0 / 9.0 + ss * (1.0 / 11.0)))));
-    e + 2.0 * std::f64::consts::LOG2_E * s * series
+    let mut series = x.all(SERIES[0]);
+    for &term in &SERIES[1..] {
+        series = series.mul_add(ss, x.all(term));
+    }
+    (2.0 * LOG2_E * s).mul_add(series, e)
+}
+
+/// As [`log2_of`], of one number, for loops that the compiler vectorises.
+#[inline(always)]
+pub(crate) fn log2(x: f64) -> f64 {
+    log2_of(F64s::splat(Scalar, x)).number()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cpu_kernels::lanes::Kernel;
     use cpu_kernels::pulp::WithSimd;
-    use cpu_kernels::{Isa, dispatch, vector};
+    use cpu_kernels::{Isa, dispatch, lanes, vector};
+
+    /// exp and log2 of numbers, sixteen at a time.
+    struct Functions<'a>(&'a [f64]);
+
+    impl Kernel for Functions<'_> {
+        type Output = [Vec<f64>; 2];
+
+        #[inline(always)]
+        fn run<S: Lanes>(self, simd: S) -> [Vec<f64>; 2] {
+            let mut found = [vec![0.0; self.0.len()], vec![0.0; self.0.len()]];
+            for at in 0..self.0.len() / S::F64_LANES {
+                let x = F64s::load(simd, self.0, at);
+                exp(x).store(&mut found[0], at);
+                log2_of(x).store(&mut found[1], at);
+            }
+            found
+        }
+    }
+
+    /// Numbers, their exp and their log2 under each set.
+    fn on_every_set(mut x: Vec<f64>) -> impl Iterator<Item = (Isa, f64, [f64; 2])> {
+        x.resize(x.len().next_multiple_of(16), 1.0);
+        Isa::available().into_iter().flat_map(move |isa| {
+            let [exp, log2] = lanes::dispatch(isa, Functions(&x));
+            let found = exp.into_iter().zip(log2);
+            x.clone().into_iter().zip(found).map(move |(x, (exp, log2))| (isa, x, [exp, log2]))
+        })
+    }
 
     struct Exp2<'a>(&'a mut [f32]);
 
@@ -116,15 +157,19 @@ mod tests {
 
     #[test]
     fn exp_keeps_its_error_bound() {
-        for i in 0..=1_000_000 {
-            let x = -690.0 + 1380.0 * (f64::from(i) / 1e6);
-            let error = (exp(x) / x.exp() - 1.0).abs();
-            assert!(error < 1e-11, "e^{x}: relative error {error:e}");
+        let x = (0..=1_000_000).map(|i| -690.0 + 1380.0 * (f64::from(i) / 1e6));
+        for (isa, x, [found, _]) in on_every_set(x.collect()) {
+            let error = (found / x.exp() - 1.0).abs();
+            assert!(error < 1e-11, "{isa}: e^{x}: relative error {error:e}");
         }
-        assert_eq!(exp(0.0), 1.0);
-        for (x, low, high) in [(-1e300, 0.0, 1e-290), (f64::NEG_INFINITY, 0.0, 1e-290), (1e300, 1e290, 1e300)]
-        {
-            assert!((low..high).contains(&exp(x)), "e^{x}");
+        for (isa, x, [found, _]) in on_every_set(vec![0.0, -1e300, f64::NEG_INFINITY, 1e300]) {
+            let (low, high) = match x {
+                0.0 => (1.0, 1.0 + f64::EPSILON),
+                1.0 => continue,
+                x if x < 0.0 => (0.0, 1e-290),
+                _ => (1e290, 1e300),
+            };
+            assert!((low..high).contains(&found), "{isa}: e^{x}: {found}");
         }
     }
 
@@ -141,9 +186,12 @@ mod tests {
     #[test]
     fn log2_keeps_its_error_bound() {
         let numbers = (0..=1_000_000).map(|i| f64::from(i) * 1e-6 + 1e-9);
-        for x in numbers.chain((-1000..1000).map(|e| 1.37 * f64::from(e).exp2())) {
-            let error = (log2(x) - x.log2()).abs();
-            assert!(error < 1e-10, "log2 {x}: error {error:e}");
+        let numbers = numbers.chain((-1000..1000).map(|e| 1.37 * f64::from(e).exp2()));
+        for (isa, x, [_, found]) in on_every_set(numbers.collect()) {
+            let error = (found - x.log2()).abs();
+            assert!(error < 1e-10, "{isa}: log2 {x}: error {error:e}");
+            // The last numbers are 1.
+            assert!(x != 1.0 || found == 0.0, "{isa}: log2 1: {found}");
         }
         assert_eq!(log2(1.0), 0.0);
     }

@@ -2,11 +2,12 @@
 
 use super::footprint::{BLOCK, Columns, View, log2_alpha_bound};
 use super::sh::COEFFICIENTS_MAX;
-use super::shape::{CULLED, DRAWN, REJECTED, Shapes, find_colours, find_shapes, first_look};
+use super::shape::{CULLED, DRAWN, FindBasis, FindShapes, FirstLook, REJECTED, Shapes, find_colours};
 use super::span::{Bounds, Span, Tiles};
 use super::{Grid, Source};
 use crate::settings::INTERSECTIONS_MAX;
 use crate::{RenderSettings, Result};
+use cpu_kernels::lanes::dispatch;
 use cpu_kernels::{Isa, compiled_for};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
 use rayon::prelude::*;
@@ -260,6 +261,7 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
     let mut numbers = [0; BLOCK];
     let mut room = [0.0; BLOCK * 3 * COEFFICIENTS_MAX];
     let mut shapes = Shapes::new();
+    let mut basis = [[0.0; BLOCK]; COEFFICIENTS_MAX];
     let mut colours = [[0.0; 3]; BLOCK];
     for start in gaussians.clone().step_by(BLOCK) {
         let n = BLOCK.min(gaussians.end - start);
@@ -280,7 +282,7 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
                 part.sh(&mut room)
             }
         };
-        compiled_for!(isa, first_look(&mut outcomes, view, &columns));
+        dispatch(isa, FirstLook { outcomes: &mut outcomes, view, columns: &columns, count: n });
         let mut kept = 0;
         for (gaussian, &outcome) in outcomes[..n].iter().enumerate() {
             chunk.rejected += usize::from(outcome == REJECTED);
@@ -298,10 +300,10 @@ fn project_blocks<const DEGREE: usize, const FMA: bool>(
         // Once there are too many pairs they only are counted.
         let before = chunk.intersections;
         let keep = frame.intersections.load(Ordering::Relaxed) <= INTERSECTIONS_MAX;
-        compiled_for!(isa, find_shapes(&mut shapes, view, &columns));
-        compiled_for!(isa, {
-            find_colours::<DEGREE, FMA>(&mut colours, &shapes.direction, &numbers[..kept], sh);
-        });
+        dispatch(isa, FindShapes { shapes: &mut shapes, view, columns: &columns, count: kept });
+        let direction = &shapes.direction;
+        dispatch(isa, FindBasis::<DEGREE> { basis: &mut basis, direction, count: kept });
+        compiled_for!(isa, find_colours::<DEGREE, FMA>(&mut colours, &basis, &numbers[..kept], sh));
         for (place, gaussian) in numbers[..kept].iter().enumerate() {
             let rgb = colours[place];
             if shapes.outcome[place] != DRAWN {

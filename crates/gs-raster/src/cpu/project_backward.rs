@@ -2,14 +2,16 @@
 
 use super::blend::Lists;
 use super::blend_backward::{MOMENTS, SHARES, Summed};
-use super::footprint::{Activations, BLOCK, Columns, Footprint, View};
+use super::footprint::{BLOCK, Columns, Footprint, View};
 use super::project::{CHUNK, Splat};
 use super::sums::{Sums, add};
+use super::vector3::Vector3;
 use super::{Source, sh};
 use crate::gradients::finite;
 use crate::{CameraGradient, RenderSettings};
+use cpu_kernels::lanes::{F32s, F64s, Kernel, Lanes, Mask, dispatch};
 use cpu_kernels::{Isa, compiled_for};
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DVec3};
 use gs_scene::{Camera, Gaussians, sh_coefficients};
 use rayon::prelude::*;
 use std::f64::consts::{LN_2, LOG2_E};
@@ -81,11 +83,12 @@ fn compiled<const DEGREE: usize>(
     view: &View,
     summed: &Summed<'_>,
 ) -> CameraGradient {
-    compiled_for!(isa, chunk_backward::<DEGREE>(chunk, view, summed))
+    compiled_for!(isa, chunk_backward::<DEGREE>(isa, chunk, view, summed))
 }
 
 #[inline(always)]
 fn chunk_backward<const DEGREE: usize>(
+    isa: Isa,
     chunk: &mut Chunk<'_>,
     view: &View,
     summed: &Summed<'_>,
@@ -100,7 +103,7 @@ fn chunk_backward<const DEGREE: usize>(
         for (moments, &place) in moments.iter_mut().zip(places) {
             *moments = summed.moments[place as usize];
         }
-        block.active = [false; BLOCK];
+        block.active = [0.0; BLOCK];
         for (at, (splat, moments)) in splats.iter().zip(&moments).enumerate() {
             let row = splat.gaussian as usize;
             let gaussian = chunk.first + row;
@@ -115,7 +118,7 @@ fn chunk_backward<const DEGREE: usize>(
                     arrays.sh_of(gaussian, &mut room)
                 }
             };
-            block.active[at] = moments[..SHARES].iter().any(|&moment| moment != 0.0);
+            block.active[at] = f64::from(moments[..SHARES].iter().any(|&moment| moment != 0.0));
             for (column, &moment) in block.moments.iter_mut().zip(moments) {
                 column[at] = moment;
             }
@@ -129,15 +132,11 @@ fn chunk_backward<const DEGREE: usize>(
                 block.weights[k][at] = sh[3 * k] * rgb[0] + sh[3 * k + 1] * rgb[1] + sh[3 * k + 2] * rgb[2];
             }
         }
-        for at in 0..BLOCK {
-            block.colour_backward::<DEGREE>(at, view, &columns);
-        }
-        let activations = columns.activate();
-        for at in 0..BLOCK {
-            block.backward(at, view, (&columns, &activations), summed.unit);
-        }
+        let (count, unit) = (splats.len(), summed.unit);
+        dispatch(isa, ColourBackward::<DEGREE> { block: &mut block, view, columns: &columns, count });
+        dispatch(isa, Backward { block: &mut block, view, columns: &columns, count, unit });
         for (at, splat) in splats.iter().enumerate() {
-            if !block.active[at] {
+            if block.active[at] == 0.0 {
                 continue;
             }
             let row = splat.gaussian as usize;
@@ -167,8 +166,8 @@ fn colour_gradient(splat: &Splat, moments: &[f32; MOMENTS]) -> [f32; 3] {
 
 /// Some Gaussians, column by column.
 struct Block {
-    /// Whether the Gaussian has any gradient; elsewhere all columns may hold anything.
-    active: [bool; BLOCK],
+    /// 1 where the Gaussian has any gradient, else 0; there all columns may hold anything.
+    active: [f64; BLOCK],
     moments: [[f32; BLOCK]; SHARES],
     /// Per SH coefficient, the gradient by its basis function; and the basis.
     weights: [[f32; BLOCK]; sh::COEFFICIENTS_MAX],
@@ -180,10 +179,75 @@ struct Block {
     camera: [[f64; BLOCK]; 13],
 }
 
+/// The basis of the directions of the first `count` Gaussians, and the gradients by the means through them.
+struct ColourBackward<'a, const DEGREE: usize> {
+    block: &'a mut Block,
+    view: &'a View,
+    columns: &'a Columns,
+    count: usize,
+}
+
+impl<const DEGREE: usize> Kernel for ColourBackward<'_, DEGREE> {
+    type Output = ();
+
+    /// Directions in f64, harmonics in f32.
+    #[inline(always)]
+    fn run<S: Lanes>(self, simd: S) {
+        let Self { block, view, columns, count } = self;
+        let (mut direction, mut inverse) = ([[0.0; BLOCK]; 3], [0.0; BLOCK]);
+        let (mut rounded, mut gradient) = ([[0.0; BLOCK]; 3], [[0.0; BLOCK]; 3]);
+        for at in 0..count.div_ceil(S::F64_LANES) {
+            let (d, one_over) = view.direction(columns.mean(simd, at));
+            d.store(&mut direction, at);
+            d.narrow(&mut rounded, at);
+            one_over.store(&mut inverse, at);
+        }
+        for at in 0..count.div_ceil(S::F32_LANES) {
+            let [x, y, z] = &rounded;
+            let d = [F32s::load(simd, x, at), F32s::load(simd, y, at), F32s::load(simd, z, at)];
+            let basis = sh::basis::<DEGREE, S>(d);
+            let mut weights = [F32s::splat(simd, 0.0); sh::COEFFICIENTS_MAX];
+            for k in 0..sh_coefficients(DEGREE) {
+                basis[k].store(&mut block.basis[k], at);
+                weights[k] = F32s::load(simd, &block.weights[k], at);
+            }
+            let by = sh::direction_gradient::<DEGREE, S>(d, &weights);
+            for axis in 0..3 {
+                by[axis].store(&mut gradient[axis], at);
+            }
+        }
+        for at in 0..count.div_ceil(S::F64_LANES) {
+            let (d, g) = (Vector3::load(simd, &direction, at), Vector3::widen(simd, &gradient, at));
+            let across = d.mul_add(-d.dot(g), g);
+            (across * F64s::load(simd, &inverse, at)).store(&mut block.shift, at);
+        }
+    }
+}
+
+/// The gradients of the first `count` Gaussians, times `unit`.
+struct Backward<'a> {
+    block: &'a mut Block,
+    view: &'a View,
+    columns: &'a Columns,
+    count: usize,
+    unit: f64,
+}
+
+impl Kernel for Backward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, simd: S) {
+        for at in 0..self.count.div_ceil(S::F64_LANES) {
+            self.block.backward(simd, at, self.view, self.columns, self.unit);
+        }
+    }
+}
+
 impl Block {
     fn new() -> Self {
         Self {
-            active: [false; BLOCK],
+            active: [0.0; BLOCK],
             moments: [[0.0; BLOCK]; SHARES],
             weights: [[0.0; BLOCK]; sh::COEFFICIENTS_MAX],
             basis: [[0.0; BLOCK]; sh::COEFFICIENTS_MAX],
@@ -194,38 +258,14 @@ impl Block {
     }
 
     #[inline(always)]
-    fn colour_backward<const DEGREE: usize>(&mut self, at: usize, view: &View, columns: &Columns) {
-        let offset = columns.mean(at) - view.position;
-        let inverse = offset.length_squared().sqrt().recip();
-        let direction = offset * inverse;
-        let d = [direction.x as f32, direction.y as f32, direction.z as f32];
-        let basis = sh::basis::<DEGREE>(d);
-        let mut weights = [0.0; sh::COEFFICIENTS_MAX];
-        for k in 0..sh_coefficients(DEGREE) {
-            self.basis[k][at] = basis[k];
-            weights[k] = self.weights[k][at];
-        }
-        let g = sh::direction_gradient::<DEGREE>(d, &weights);
-        let g = DVec3::new(f64::from(g[0]), f64::from(g[1]), f64::from(g[2]));
-        let shift = (g - direction * direction.dot(g)) * inverse;
-        self.shift[0][at] = shift.x;
-        self.shift[1][at] = shift.y;
-        self.shift[2][at] = shift.z;
-    }
-
-    #[inline(always)]
-    fn backward(
-        &mut self,
-        at: usize,
-        view: &View,
-        (columns, activations): (&Columns, &Activations),
-        unit: f64,
-    ) {
-        let shape = Footprint::new(view, columns, activations, at);
-        let moment = |k: usize| f64::from(self.moments[k][at]);
-        let (s, s_dx, s_dxdx) = (moment(0), moment(1), moment(2));
-        let (s_dy, s_dydy, s_dxdy) = (moment(3), moment(4), moment(5));
-        let by_z = moment(9);
+    fn backward<S: Lanes>(&mut self, simd: S, at: usize, view: &View, columns: &Columns, unit: f64) {
+        let activations = columns.activate(simd, at);
+        let shape = Footprint::new(simd, view, columns, &activations, at);
+        let (s, s_dx, s_dxdx) =
+            (self.moment(simd, 0, at), self.moment(simd, 1, at), self.moment(simd, 2, at));
+        let (s_dy, s_dydy, s_dxdy) =
+            (self.moment(simd, 3, at), self.moment(simd, 4, at), self.moment(simd, 5, at));
+        let by_z = self.moment(simd, 9, at);
 
         // log₂ α = p dx² + r dy² + log₂ opacity with dx = x - mean_x - shear (y - mean_y), p = k / m, r = k / c, where m =
         // a - b² / c is the variance along a row, and shear = b / c.
@@ -240,22 +280,22 @@ impl Block {
         let by_b = -2.0 * p * s_dxdy * inverse_c;
         // m, shear and c by the rows of V. What is left of the first without the second keeps needles exact.
         let [u, v] = shape.rows;
-        let rest = u - v * shear;
-        let mut by_u = rest * (2.0 * by_m) + v * by_b;
-        let mut by_v = rest * (-2.0 * shear * by_m) + (u - v * (2.0 * shear)) * by_b + v * (2.0 * by_c);
+        let rest = v.mul_add(-shear, u);
+        let mut by_u = rest.mul_add(2.0 * by_m, v * by_b);
+        let mut by_v =
+            rest.mul_add(-2.0 * shear * by_m, v.mul_add(-2.0 * shear, u).mul_add(by_b, v * (2.0 * by_c)));
 
         // The opacity times the compensation √(det0 / det); both by their logarithms.
-        let by_log = s / LN_2;
-        let by_opacity = by_log * activations.log_opacity_by_number(at);
+        let by_log = s * (1.0 / LN_2);
+        let by_opacity = by_log * activations.log_opacity_by_number;
         let normal = u.cross(v);
         let eps = view.eps2d;
         let squares = u.length_squared() + v.length_squared() + eps;
         let by_normal = by_log * eps * squares / (shape.det0 * det);
         let by_eps = by_log * eps / det;
-        if shape.compensates {
-            by_u += v.cross(normal) * by_normal - u * by_eps;
-            by_v += normal.cross(u) * by_normal - v * by_eps;
-        }
+        let compensates = shape.compensates;
+        by_u = by_u + Vector3::or_zero(compensates, v.cross(normal) * by_normal - u * by_eps);
+        by_v = by_v + Vector3::or_zero(compensates, normal.cross(u) * by_normal - v * by_eps);
 
         // V = J Rv R S.
         let scale = shape.scale;
@@ -264,66 +304,105 @@ impl Block {
         // By the number that the source holds.
         let by_scale = if columns.is_activated { by_scale } else { by_scale * scale };
         let given = shape.given_scale;
-        let by_scale = DVec3::new(
-            if scale.x < given.x { 0.0 } else { by_scale.x },
-            if scale.y < given.y { 0.0 } else { by_scale.y },
-            if scale.z < given.z { 0.0 } else { by_scale.z },
-        );
+        let by_scale = [
+            unless(scale.x.is_below(given.x), by_scale.x),
+            unless(scale.y.is_below(given.y), by_scale.y),
+            unless(scale.z.is_below(given.z), by_scale.z),
+        ];
         let [ju, jv] = shape.jacobian;
         let (tu, tv) = (by_u * scale, by_v * scale);
-        let by_jacobian = [shape.axes * tu, shape.axes * tv];
-        let by_axes = DMat3::from_cols(ju * tu.x + jv * tv.x, ju * tu.y + jv * tv.y, ju * tu.z + jv * tv.z);
-        let by_quaternion = quaternion_gradient(shape.quaternion, by_axes) * shape.norm.recip();
+        let by_jacobian = [combine(shape.axes, tu), combine(shape.axes, tv)];
+        let by_axes = [ju.mul_add(tu.x, jv * tv.x), ju.mul_add(tu.y, jv * tv.y), ju.mul_add(tu.z, jv * tv.z)];
+        let by_quaternion = quaternion_gradient(shape.quaternion, by_axes);
+        let inverse_norm = shape.norm.recip();
 
         // J at the clamped slope, and the centre at the slope itself.
-        let forward = view.rotation.row(2);
-        let by_row = [
-            by_jacobian[0] * (view.focal[0] * shape.inverse_z),
-            by_jacobian[1] * (view.focal[1] * shape.inverse_z),
-        ];
-        let by_slope = |i: usize| {
-            let is_free = shape.slope[i] == shape.clamped[i];
-            view.focal[i] * by_centre[i] - if is_free { forward.dot(by_row[i]) } else { 0.0 }
-        };
-        let by_slope = [by_slope(0), by_slope(1)];
-        let shrink = by_slope[0] * shape.slope[0]
-            + by_slope[1] * shape.slope[1]
-            + ju.dot(by_jacobian[0])
-            + jv.dot(by_jacobian[1]);
+        let forward = view.row(simd, 2);
         let inverse_z = shape.inverse_z;
-        let by_mean = DVec3::new(by_slope[0] * inverse_z, by_slope[1] * inverse_z, by_z - shrink * inverse_z);
-        let by_forward = by_row[0] * -shape.clamped[0] - by_row[1] * shape.clamped[1];
+        let by_row =
+            [by_jacobian[0] * (view.focal[0] * inverse_z), by_jacobian[1] * (view.focal[1] * inverse_z)];
+        let [slope_x, slope_y] = shape.slope;
+        let [clamped_x, clamped_y] = shape.clamped;
+        let is_clamped = [!slope_x.equals(clamped_x), !slope_y.equals(clamped_y)];
+        let by_slope = [
+            view.focal[0] * by_centre[0] - unless(is_clamped[0], forward.dot(by_row[0])),
+            view.focal[1] * by_centre[1] - unless(is_clamped[1], forward.dot(by_row[1])),
+        ];
+        let along = by_slope[0].mul_add(slope_x, by_slope[1] * slope_y);
+        let shrink = along + ju.dot(by_jacobian[0]) + jv.dot(by_jacobian[1]);
+        let by_mean =
+            Vector3::new(by_slope[0] * inverse_z, by_slope[1] * inverse_z, by_z - shrink * inverse_z);
+        let by_forward = by_row[0] * -clamped_x - by_row[1] * clamped_y;
 
-        let mean = columns.mean(at);
-        let shift = DVec3::new(self.shift[0][at], self.shift[1][at], self.shift[2][at]);
-        let (r, t) = (view.rotation, view.translation);
-        let world = DVec3::new(r.x_axis.dot(by_mean), r.y_axis.dot(by_mean), r.z_axis.dot(by_mean)) + shift;
-        // The camera centre is -Rᵀ t; the colours move with it as they do with the mean, the other way.
-        let by_translation = by_mean + r * shift;
-        let column = |mean: f64, shift: f64, rows: [f64; 3]| by_mean * mean + t * shift + DVec3::from(rows);
-        let by_x = column(mean.x, shift.x, [by_row[0].x, by_row[1].x, by_forward.x]);
-        let by_y = column(mean.y, shift.y, [by_row[0].y, by_row[1].y, by_forward.y]);
-        let by_z = column(mean.z, shift.z, [by_row[0].z, by_row[1].z, by_forward.z]);
+        let mean = columns.mean(simd, at);
+        let shift = Vector3::load(simd, &self.shift, at);
+        let axis = view.rotation;
+        let world = shift
+            + Vector3::new(
+                Vector3::splat(simd, axis.x_axis).dot(by_mean),
+                Vector3::splat(simd, axis.y_axis).dot(by_mean),
+                Vector3::splat(simd, axis.z_axis).dot(by_mean),
+            );
+        let [qw, qx, qy, qz] = by_quaternion;
+        let by_quaternion = [qw * inverse_norm, qx * inverse_norm, qy * inverse_norm, qz * inverse_norm];
+        self.set_geometry(at, unit, 0, [world.x, world.y, world.z]);
+        self.set_geometry(at, unit, 3, by_quaternion);
+        self.set_geometry(at, unit, 7, by_scale);
+        self.set_geometry(at, unit, 10, [by_opacity]);
 
-        let q = by_quaternion;
-        let k = by_scale;
-        let geometry = [world.x, world.y, world.z, q.w, q.x, q.y, q.z, k.x, k.y, k.z, by_opacity];
-        for (column, value) in self.geometry.iter_mut().zip(geometry) {
-            column[at] = finite(unit * value);
-        }
-        let active = self.active[at];
+        let zero = F64s::splat(simd, 0.0);
+        let active = zero.is_below(F64s::load(simd, &self.active, at));
         // A longer focal length moves the centre along its slope, and stretches what the rows of J map without the slope.
-        let by_focal = by_slope[0] * shape.slope[0]
-            + by_slope[1] * shape.slope[1]
-            + by_row[0].dot(view.rotation.row(0))
-            + by_row[1].dot(view.rotation.row(1));
-        self.camera[12][at] += if active { by_focal } else { 0.0 };
-        let pose = [by_x, by_y, by_z, by_translation];
-        for (sums, by) in self.camera.chunks_exact_mut(3).zip(pose) {
-            sums[0][at] += if active { by.x } else { 0.0 };
-            sums[1][at] += if active { by.y } else { 0.0 };
-            sums[2][at] += if active { by.z } else { 0.0 };
+        let by_focal = along + by_row[0].dot(view.row(simd, 0)) + by_row[1].dot(view.row(simd, 1));
+        self.add_camera(at, 12, active, by_focal);
+        // The camera centre is -Rᵀ t; the colours move with it as they do with the mean, the other way.
+        let translation = Vector3::splat(simd, view.translation);
+        let by_x = by_mean.mul_add(mean.x, translation * shift.x)
+            + Vector3::new(by_row[0].x, by_row[1].x, by_forward.x);
+        let by_y = by_mean.mul_add(mean.y, translation * shift.y)
+            + Vector3::new(by_row[0].y, by_row[1].y, by_forward.y);
+        let by_z = by_mean.mul_add(mean.z, translation * shift.z)
+            + Vector3::new(by_row[0].z, by_row[1].z, by_forward.z);
+        self.add_vector(at, 0, active, by_x);
+        self.add_vector(at, 3, active, by_y);
+        self.add_vector(at, 6, active, by_z);
+        self.add_vector(at, 9, active, by_mean + view.turn(shift));
+    }
+
+    #[inline(always)]
+    fn moment<S: Lanes>(&self, simd: S, k: usize, at: usize) -> F64s<S> {
+        F64s::widen(simd, &self.moments[k], at)
+    }
+
+    /// Columns of geometry from `first` on, as [`finite`] makes them.
+    #[inline(always)]
+    fn set_geometry<S: Lanes, const N: usize>(
+        &mut self,
+        at: usize,
+        unit: f64,
+        first: usize,
+        values: [F64s<S>; N],
+    ) {
+        for (column, value) in self.geometry[first..].iter_mut().zip(values) {
+            let value = unit * value;
+            let within = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX));
+            value.equals(value).select(within, value.all(0.0)).narrow(column, at);
         }
+    }
+
+    /// Adds to column `k` of the camera where `active`.
+    #[inline(always)]
+    fn add_camera<S: Lanes>(&mut self, at: usize, k: usize, active: Mask<S>, by: F64s<S>) {
+        let sum = F64s::load(by.simd(), &self.camera[k], at);
+        (sum + active.select(by, by.all(0.0))).store(&mut self.camera[k], at);
+    }
+
+    /// As [`Block::add_camera`], to three columns.
+    #[inline(always)]
+    fn add_vector<S: Lanes>(&mut self, at: usize, first: usize, active: Mask<S>, by: Vector3<S>) {
+        self.add_camera(at, first, active, by.x);
+        self.add_camera(at, first + 1, active, by.y);
+        self.add_camera(at, first + 2, active, by.z);
     }
 
     /// The sums over all blocks, times `unit`.
@@ -340,18 +419,28 @@ impl Block {
     }
 }
 
-/// The derivative by a quaternion of unit length, through its normalisation, of what has `by` as derivative by its matrix.
+/// 0 where the mask is set.
 #[inline(always)]
-fn quaternion_gradient(q: DQuat, by: DMat3) -> DQuat {
-    let DQuat { w, x, y, z } = q;
-    let (c0, c1, c2) = (by.x_axis, by.y_axis, by.z_axis);
+fn unless<S: Lanes>(mask: Mask<S>, value: F64s<S>) -> F64s<S> {
+    mask.select(value.all(0.0), value)
+}
+
+/// A matrix of columns times a vector.
+#[inline(always)]
+fn combine<S: Lanes>([x, y, z]: [Vector3<S>; 3], v: Vector3<S>) -> Vector3<S> {
+    z.mul_add(v.z, y.mul_add(v.y, x * v.x))
+}
+
+/// The derivative by a quaternion (w, x, y, z) of unit length, through its normalisation, of what has `by` as derivative by the columns
+/// of its matrix.
+#[inline(always)]
+fn quaternion_gradient<S: Lanes>([w, x, y, z]: [F64s<S>; 4], [c0, c1, c2]: [Vector3<S>; 3]) -> [F64s<S>; 4] {
     let (xy, xz, yz) = (c1.x + c0.y, c2.x + c0.z, c2.y + c1.z);
     let (turn_x, turn_y, turn_z) = (c1.z - c2.y, c2.x - c0.z, c0.y - c1.x);
-    let gradient = DQuat::from_xyzw(
-        2.0 * (y * xy + z * xz + w * turn_x) - 4.0 * x * (c1.y + c2.z),
-        2.0 * (x * xy + z * yz + w * turn_y) - 4.0 * y * (c0.x + c2.z),
-        2.0 * (x * xz + y * yz + w * turn_z) - 4.0 * z * (c0.x + c1.y),
-        2.0 * (x * turn_x + y * turn_y + z * turn_z),
-    );
-    gradient - q * q.dot(gradient)
+    let by_w = 2.0 * (x * turn_x + y * turn_y + z * turn_z);
+    let by_x = 2.0 * (y * xy + z * xz + w * turn_x) - 4.0 * x * (c1.y + c2.z);
+    let by_y = 2.0 * (x * xy + z * yz + w * turn_y) - 4.0 * y * (c0.x + c2.z);
+    let by_z = 2.0 * (x * xz + y * yz + w * turn_z) - 4.0 * z * (c0.x + c1.y);
+    let along = x * by_x + y * by_y + z * by_z + w * by_w;
+    [by_w - w * along, by_x - x * along, by_y - y * along, by_z - z * along]
 }

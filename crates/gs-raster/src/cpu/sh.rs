@@ -1,5 +1,6 @@
 //! Real spherical harmonics with the Condon–Shortley sign, degree 0 to 3, m = -l..l, as the 3DGS PLY stores them.
 
+use cpu_kernels::lanes::{F32s, Lanes};
 use gs_scene::SH_C0;
 
 const C1: f32 = 0.488_602_5;
@@ -12,9 +13,9 @@ pub(super) const COEFFICIENTS_MAX: usize = 16;
 
 /// The basis in a direction of unit length; the first (DEGREE+1)² numbers are meant.
 #[inline(always)]
-pub(super) fn basis<const DEGREE: usize>([x, y, z]: [f32; 3]) -> [f32; COEFFICIENTS_MAX] {
-    let mut basis = [0.0; COEFFICIENTS_MAX];
-    basis[0] = SH_C0;
+pub(super) fn basis<const DEGREE: usize, S: Lanes>([x, y, z]: [F32s<S>; 3]) -> [F32s<S>; COEFFICIENTS_MAX] {
+    let mut basis = [x.all(0.0); COEFFICIENTS_MAX];
+    basis[0] = x.all(SH_C0);
     if DEGREE >= 1 {
         basis[1] = -C1 * y;
         basis[2] = C1 * z;
@@ -42,38 +43,43 @@ pub(super) fn basis<const DEGREE: usize>([x, y, z]: [f32; 3]) -> [f32; COEFFICIE
 
 /// The derivative of Σ weight_k Y_k by the direction, its three numbers taken as independent.
 #[inline(always)]
-pub(super) fn direction_gradient<const DEGREE: usize>(
-    [x, y, z]: [f32; 3],
-    weight: &[f32; COEFFICIENTS_MAX],
-) -> [f32; 3] {
+pub(super) fn direction_gradient<const DEGREE: usize, S: Lanes>(
+    [x, y, z]: [F32s<S>; 3],
+    weight: &[F32s<S>; COEFFICIENTS_MAX],
+) -> [F32s<S>; 3] {
     let w = weight;
-    let mut gradient = [0.0; 3];
-    let mut add = |k: usize, c: f32, by: [f32; 3]| {
-        for axis in 0..3 {
-            gradient[axis] += w[k] * c * by[axis];
-        }
-    };
+    let (zero, one) = (x.all(0.0), x.all(1.0));
+    let mut gradient = [zero; 3];
+    // A macro, because a closure that is called so often is not inlined.
+    macro_rules! add {
+        ($k:expr, $c:expr, $by:expr) => {{
+            let (weight, by) = (w[$k] * $c, $by);
+            for axis in 0..3 {
+                gradient[axis] = weight.mul_add(by[axis], gradient[axis]);
+            }
+        }};
+    }
     if DEGREE >= 1 {
-        add(1, -C1, [0.0, 1.0, 0.0]);
-        add(2, C1, [0.0, 0.0, 1.0]);
-        add(3, -C1, [1.0, 0.0, 0.0]);
+        add!(1, -C1, [zero, one, zero]);
+        add!(2, C1, [zero, zero, one]);
+        add!(3, -C1, [one, zero, zero]);
     }
     if DEGREE >= 2 {
-        add(4, C2[0], [y, x, 0.0]);
-        add(5, C2[1], [0.0, z, y]);
-        add(6, C2[2], [-2.0 * x, -2.0 * y, 4.0 * z]);
-        add(7, C2[3], [z, 0.0, x]);
-        add(8, C2[4], [2.0 * x, -2.0 * y, 0.0]);
+        add!(4, C2[0], [y, x, zero]);
+        add!(5, C2[1], [zero, z, y]);
+        add!(6, C2[2], [-2.0 * x, -2.0 * y, 4.0 * z]);
+        add!(7, C2[3], [z, zero, x]);
+        add!(8, C2[4], [2.0 * x, -2.0 * y, zero]);
     }
     if DEGREE >= 3 {
         let (xx, yy, zz) = (x * x, y * y, z * z);
-        add(9, C3[0], [6.0 * x * y, 3.0 * (xx - yy), 0.0]);
-        add(10, C3[1], [y * z, x * z, x * y]);
-        add(11, C3[2], [-2.0 * x * y, 4.0 * zz - xx - 3.0 * yy, 8.0 * y * z]);
-        add(12, C3[3], [-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * xx - 3.0 * yy]);
-        add(13, C3[4], [4.0 * zz - 3.0 * xx - yy, -2.0 * x * y, 8.0 * x * z]);
-        add(14, C3[5], [2.0 * x * z, -2.0 * y * z, xx - yy]);
-        add(15, C3[6], [3.0 * (xx - yy), -6.0 * x * y, 0.0]);
+        add!(9, C3[0], [6.0 * x * y, 3.0 * (xx - yy), zero]);
+        add!(10, C3[1], [y * z, x * z, x * y]);
+        add!(11, C3[2], [-2.0 * x * y, 4.0 * zz - xx - 3.0 * yy, 8.0 * y * z]);
+        add!(12, C3[3], [-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * xx - 3.0 * yy]);
+        add!(13, C3[4], [4.0 * zz - 3.0 * xx - yy, -2.0 * x * y, 8.0 * x * z]);
+        add!(14, C3[5], [2.0 * x * z, -2.0 * y * z, xx - yy]);
+        add!(15, C3[6], [3.0 * (xx - yy), -6.0 * x * y, zero]);
     }
     gradient
 }
@@ -81,15 +87,19 @@ pub(super) fn direction_gradient<const DEGREE: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cpu_kernels::pulp::Scalar;
 
     #[test]
     fn the_derivative_is_the_limit_of_differences() {
         let weight: [f32; COEFFICIENTS_MAX] = std::array::from_fn(|k| ((k * 7 + 3) % 11) as f32 / 11.0 - 0.4);
+        let lanes = |d: [f32; 3]| d.map(|number| F32s::splat(Scalar, number));
         let at = |d: [f32; 3]| -> f64 {
-            basis::<3>(d).iter().zip(&weight).map(|(b, w)| f64::from(*b) * f64::from(*w)).sum()
+            let basis = basis::<3, _>(lanes(d)).map(F32s::number);
+            basis.iter().zip(&weight).map(|(b, w)| f64::from(*b) * f64::from(*w)).sum()
         };
         let d = [0.48, -0.6, 0.64];
-        let found = direction_gradient::<3>(d, &weight);
+        let found = direction_gradient::<3, _>(lanes(d), &weight.map(|number| F32s::splat(Scalar, number)));
+        let found = found.map(F32s::number);
         for axis in 0..3 {
             let step = 1.0 / 64.0;
             let moved = |sign: f32| {

@@ -188,6 +188,7 @@ fn measure() -> Outcome<Seconds> {
     kernels(&mut seconds)?;
     networks(&mut seconds)?;
     pictures(&mut seconds)?;
+    projection(&mut seconds)?;
     Ok(seconds)
 }
 
@@ -315,6 +316,34 @@ fn pictures(seconds: &mut Seconds) -> Outcome {
     let image = renderings[0].image.data().to_vec();
     let pixels = [PixelGradients { image: image.into(), alpha: None, depth: None }];
     time(seconds, "rendering, gradient", || rasterizer.backward(&scene, &tape, &pixels).map(drop).or_work())
+}
+
+/// The projection of Gaussians, in scenes of which hardly anything is blended.
+fn projection(seconds: &mut Seconds) -> Outcome {
+    let lens = Intrinsics { fx: 100.0, fy: 100.0, cx: 32.0, cy: 32.0, width: 64, height: 64 };
+    let camera = Camera::looking_at(lens, DVec3::ZERO, DVec3::Z, DVec3::NEG_Y).or_work()?;
+    let mut random = Random(4);
+    let (mut beside, mut behind) = (Gaussians::empty(2).or_work()?, Gaussians::empty(2).or_work()?);
+    // A wall so opaque that blending ends within it. What is behind it is projected back, with gradients of 0.
+    for _ in 0..3 {
+        behind.push([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], [1.0; 3], 9.0, &[0.0; 27]);
+    }
+    for _ in 0..4000 {
+        let sh: [f32; 27] = std::array::from_fn(|_| 0.5 * random.unit());
+        let rotation = [1.0, 0.01 * random.unit(), 0.01, 0.01 * random.unit()];
+        // Upright needles left of the image. The balls around them reach into it, so their shapes and colours are computed; the needles
+        // themselves do not, so nothing follows.
+        let mean = [-0.9 + 0.1 * random.unit(), 0.3 * random.unit(), 2.0];
+        beside.push(mean, rotation, [-5.0, -1.5, -5.0], 3.0, &sh);
+        let mean = [0.6 * random.unit(), 0.6 * random.unit(), 2.5 + 0.5 * random.unit()];
+        behind.push(mean, rotation, [-5.0, -4.5, -5.2], 0.5, &sh);
+    }
+    let (mut rasterizer, settings) = (Rasterizer::cpu(), RenderSettings::default());
+    time(seconds, "projection", || rasterizer.render(&beside, &camera, &settings).map(drop).or_work())?;
+    let (renderings, tape) = rasterizer.record(&behind, &[camera], &settings).or_work()?;
+    let image = renderings[0].image.data().to_vec();
+    let pixels = [PixelGradients { image: image.into(), alpha: None, depth: None }];
+    time(seconds, "projection, gradient", || rasterizer.backward(&behind, &tape, &pixels).map(drop).or_work())
 }
 
 #[cfg(test)]
