@@ -43,7 +43,7 @@ impl Default for Config {
             budget: Budget::Gaussians(40_000),
             neighbours: 20,
             head: Head::Default,
-            looks: 3,
+            looks: 4,
             far_shell: true,
             exposure: Exposure::AsPhotographed,
             seed: 0,
