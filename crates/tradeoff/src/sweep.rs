@@ -173,7 +173,7 @@ impl Extent {
     fn looks(self) -> &'static [usize] {
         match self {
             Self::Quick => &[1],
-            Self::Full => &[1, 2, 3, 5],
+            Self::Full => &[1, 2, 3, 4, 5],
             Self::Paper => &[],
         }
     }
