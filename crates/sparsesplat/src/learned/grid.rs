@@ -12,6 +12,9 @@ use rayon::prelude::*;
 const FINE: f64 = 4.0;
 /// The same of a coarse cell.
 const COARSE: f64 = 16.0;
+/// Where in its cell the first anchor lies, in edges along every axis. No round number: surfaces that lie along the axes, at round
+/// distances from that anchor, would fall on boundaries of cells, and rounding would decide on which side.
+const FIRST: f64 = 0.382;
 
 /// The fine and the coarse cell of each anchor, named by the first anchor in it.
 pub(super) fn cells(anchored: &Anchored) -> Vec<[u32; 2]> {
@@ -33,7 +36,7 @@ fn of_edge(positions: &[[f64; 3]], widths: &[f64], edge: f64) -> Vec<u32> {
     let key = |(i, (&position, &width)): (usize, (&[f64; 3], &f64))| {
         let level = (edge * width).max(f64::MIN_POSITIVE).log2().round();
         // Beyond the range of an integer there is one cell.
-        let place = (DVec3::from(position) - DVec3::from(origin)) / level.exp2();
+        let place = (DVec3::from(position) - DVec3::from(origin)) / level.exp2() + FIRST;
         ((level as i64, place.floor().to_array().map(|place| place as i64)), i as u32)
     };
     let mut keyed: Vec<_> =
@@ -57,10 +60,10 @@ mod tests {
         let positions =
             [[0.5, 0.5, 0.5], [1.5, 0.5, 0.5], [0.9, 0.1, 0.7], [0.6, 0.5, 0.5], [-0.1, 0.5, 0.5]]
                 .map(|[x, y, z]| [x + 1e4 - 0.5, y - 0.5, z - 0.5]);
-        // Edges of 1, but for the fourth, which has one of 2.
+        // Edges of 1, but for the fourth, which has one of 2. The first anchor's cell begins at -0.382.
         let widths = [0.25, 0.26, 0.24, 0.5, 0.25];
         assert_eq!(of_edge(&positions, &widths, FINE), [0, 1, 2, 3, 4]);
-        assert_eq!(of_edge(&positions, &widths.map(|w| 4.0 * w), FINE), [0, 0, 2, 3, 4]);
+        assert_eq!(of_edge(&positions, &widths.map(|w| 4.0 * w), FINE), [0, 0, 0, 3, 0]);
     }
 
     #[test]
@@ -82,7 +85,9 @@ mod tests {
             let widths: Vec<_> = points.iter().map(|p| p.2).collect();
             let found = of_edge(&positions, &widths, FINE);
             let edge = |i: usize| (FINE * widths[i]).log2().round().exp2();
-            let corner = |i: usize, axis: usize| ((positions[i][axis] - positions[0][axis]) / edge(i)).floor();
+            let corner = |i: usize, axis: usize| {
+                ((positions[i][axis] - positions[0][axis]) / edge(i) + FIRST).floor()
+            };
             let same = |i: usize, j: usize| {
                 edge(i).to_bits() == edge(j).to_bits()
                     && (0..3).all(|axis| (corner(i, axis) - corner(j, axis)).abs() < 0.5)
