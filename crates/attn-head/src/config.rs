@@ -12,7 +12,7 @@ pub const OUTPUTS: usize = 38;
 /// What is left of a neighbour before [`Kind::Mlp`] concatenates them all.
 pub const MESSAGE: usize = 16;
 /// Numbers of an anchor of which [`Kind::Grid`] takes the mean over a cell, for the fine cells and for the coarse ones each.
-pub const CELL: usize = 32;
+pub const CELL_WIDTH: usize = 32;
 
 /// Largest number of features of either sort, well above what backbones have. It keeps a damaged file from asking for
 /// all memory.
@@ -32,7 +32,8 @@ pub enum Kind {
     EdgeConv,
     /// Maximum over neighbours as in PointNet.
     MaxPool,
-    /// Means over the cells of a fine and a coarse grid, as in LoCoSplat (arXiv 2610.04351): one narrower layer, and no neighbours.
+    /// Means over the cells of a fine and a coarse grid, as in LoCoSplat (arXiv 2610.04351): one layer with a narrower perceptron, and no
+    /// neighbours.
     Grid,
 }
 
@@ -46,7 +47,8 @@ impl Kind {
         if self == Self::Grid { 1 } else { 3 }
     }
 
-    /// Width of the hidden layer of a block's perceptron.
+    /// Width of the hidden layer of a block's perceptron. That of the grid gives it about as many weights as LoCoSplat's head has, 0.14
+    /// million.
     #[must_use]
     pub fn hidden(self) -> usize {
         if self == Self::Grid { 320 } else { 4 * WIDTH }

@@ -1,4 +1,4 @@
-use crate::{CELL, Config, Kind, MESSAGE, OUTPUTS, WIDTH};
+use crate::{CELL_WIDTH, Config, Kind, MESSAGE, OUTPUTS, WIDTH};
 
 /// Name of the last layer, whose weight and bias have a row per output.
 pub const LAST_LAYER: &str = "out.2";
@@ -85,8 +85,8 @@ impl Layout {
                 self.linear(&format!("{block}.mix.2"), WIDTH, WIDTH);
             }
             Kind::Grid => {
-                self.linear(&format!("{block}.cell"), WIDTH, 2 * CELL);
-                self.linear(&format!("{block}.join"), 2 * CELL, WIDTH);
+                self.linear(&format!("{block}.cell"), WIDTH, 2 * CELL_WIDTH);
+                self.linear(&format!("{block}.join"), 2 * CELL_WIDTH, WIDTH);
             }
         }
         self.norm(&format!("{block}.norm2"));

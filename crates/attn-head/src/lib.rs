@@ -12,7 +12,7 @@ mod layout;
 pub mod plain;
 mod weights;
 
-pub use config::{CELL, Config, HEAD_WIDTH, HEADS, Kind, MESSAGE, OUTPUTS, WIDTH};
+pub use config::{CELL_WIDTH, Config, HEAD_WIDTH, HEADS, Kind, MESSAGE, OUTPUTS, WIDTH};
 pub use error::{Error, Result};
 pub use head::Head;
 pub use inputs::Inputs;

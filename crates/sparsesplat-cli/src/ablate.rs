@@ -168,6 +168,11 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
             ParametrisationName::Paper => Parametrisation::Paper,
         };
     }
+    if base.looks != 1 {
+        return Err(Failure::input(
+            "the settings have looks, but heads are compared, not what comes after them: leave looks out",
+        ));
+    }
     if base.steps == 0 {
         return Err(Failure::input(
             "the settings say steps: 0, and heads that were not trained do not compare: give --steps N",

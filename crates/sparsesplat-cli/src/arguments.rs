@@ -188,9 +188,9 @@ pub(crate) enum ExposureName {
 /// Head, which makes the Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum HeadName {
-    /// The trained head with the built-in weights; the closed form for a backbone without such weights
+    /// The trained grid head; the closed form for a backbone that it was not trained for
     Default,
-    /// The paper's head, trained: six times the arithmetic of the default
+    /// The paper's head, trained for --backbone plane-sweep: six times the arithmetic of the default
     Attention,
     /// Formula without weights
     ClosedForm,

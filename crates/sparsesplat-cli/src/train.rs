@@ -37,7 +37,8 @@ use train::{Cases, Config, Look, Ranks, Score, Trainer};
 /// --resume), weights.safetensors (for --weights of the other commands), log.jsonl, curve.svg and pictures of the validation.
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
-    sparsesplat train -o run                                       the default head on simulated scenes\n  \
+    sparsesplat train -o run                                       the paper's head on simulated scenes\n  \
+    sparsesplat train -o run --config grid.ron                     the small head: grid.ron is (head: grid)\n  \
     sparsesplat train -o run --resume                              resumes after an interruption, bit for bit\n  \
     sparsesplat train -o run --config mlp.ron --scenes 40\n  \
     sparsesplat train -o mean --config none.ron --from a.safetensors --from b.safetensors\n  \

@@ -62,6 +62,9 @@ impl Config {
             }
             _ => {}
         }
+        if self.head == Head::Attention && !matches!(self.backbone, Backbone::PlaneSweep { .. }) {
+            return Err(Error::AttentionBackbone);
+        }
         if self.head == Head::DepthSplat && self.allocation != Allocation::PixelAligned {
             return Err(Error::OwnHeadAllocation);
         }
@@ -173,7 +176,7 @@ pub enum Budget {
 pub enum Head {
     /// The default weights of the backbone; the closed form where it has none.
     Default,
-    /// The paper's geo-aware attention with weights for the plane sweep's features.
+    /// The paper's geo-aware attention with weights for the plane sweep's features, so only with [`Backbone::PlaneSweep`].
     Attention,
     /// A head with weights from a file.
     Weights(PathBuf),

@@ -52,6 +52,11 @@ pub enum Error {
     /// A pass that looks at nothing.
     #[error("the number of looks is 0, expected at least 1: one look is the head alone")]
     NoLook,
+    /// The included attention with a backbone whose features it was not trained on.
+    #[error(
+        "the head attention was trained on the features of the plane sweep: take that backbone, or another head"
+    )]
+    AttentionBackbone,
     /// Weights without the name of the features that they were trained on.
     #[error("{weights}: does not say which features it was trained on: expected weights that `train` wrote")]
     NoSchema {

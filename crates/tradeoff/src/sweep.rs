@@ -260,8 +260,9 @@ pub fn points(
         for &n in &budgets {
             all.count(Axis::Head, "closed-form", ours, n, closed_form);
         }
-        let both = config.head == Head::Default && matches!(config.backbone, Backbone::PlaneSweep { .. });
-        for &n in budgets.iter().filter(|_| both) {
+        let base_is_grid =
+            config.head == Head::Default && matches!(config.backbone, Backbone::PlaneSweep { .. });
+        for &n in budgets.iter().filter(|_| base_is_grid) {
             all.count(Axis::Head, "attention", ours, n, |config| config.head = Head::Attention);
         }
         all.vary(Axis::Head, &format!("closed-form-{}", name_of(Allocation::PixelAligned)), |config| {

@@ -19,9 +19,8 @@ pub struct Config {
     /// Whether the head sees feedback: what rendering the closed form into the context views says of each anchor. Without it, as in the
     /// paper, it is faster and worse.
     pub feedback: bool,
-    /// Looks at the context views before Gaussians are compared, 1 or more: the head's own, and further ones as after it in a prediction. The
-    /// derivative of the loss by what the looks make is taken for that by what the head makes (first order, as in ForeSplat,
-    /// arXiv 2605.22020).
+    /// 1 compares the Gaussians of the head. With N, N - 1 rounds of gradient steps on the context views follow first, as in a prediction. The
+    /// gradient treats their change as a constant (first order, as in ForeSplat, arXiv 2605.22020).
     pub looks: usize,
     /// Which pixels become anchors.
     pub allocation: Allocation,

@@ -348,7 +348,8 @@ impl Trainer {
 
         let weights = Var::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
         let feedback = anchored.feedback(self.config.feedback)?;
-        let outputs = self.net.outputs(&weights, anchored.inputs(&case.geometry.views, &feedback))?;
+        let outputs =
+            self.net.outputs(&weights, anchored.inputs(self.config.head, &case.geometry.views, &feedback))?;
         let by_direction = outputs.narrow(1, BY_DIRECTION.start, BY_DIRECTION.len())?;
         let share = f64::from(self.config.direction) / by_direction.elem_count().max(1) as f64;
         let by_direction = (by_direction.sqr()?.sum_all()? * share)?;
@@ -429,8 +430,11 @@ impl Trainer {
             let anchored = self.anchored(&case, density, self.config.seed)?;
             let weights = Tensor::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
             let feedback = anchored.feedback(self.config.feedback)?;
-            let outputs =
-                values(&self.net.outputs(&weights, anchored.inputs(&case.geometry.views, &feedback))?)?;
+            let outputs = values(
+                &self
+                    .net
+                    .outputs(&weights, anchored.inputs(self.config.head, &case.geometry.views, &feedback))?,
+            )?;
             let mut learned = anchored.decoder(self.config.parametrisation).decode(&outputs);
             learned.append(&anchored.shell.clone().with_sh_degree(learned.sh_degree())?);
             let mut closed = anchored.base.clone();

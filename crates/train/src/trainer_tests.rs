@@ -290,7 +290,8 @@ fn a_run_may_begin_with_the_weights_of_another() {
         run.start_from(&[named(recipe.clone())]).unwrap();
         let case = run.cases.read(0).unwrap();
         let anchored = run.anchored(&case, 0.02, 0).unwrap();
-        let inputs = anchored.inputs(&case.geometry.views, &anchored.feedback(true).unwrap());
+        let inputs =
+            anchored.inputs(run.config.head, &case.geometry.views, &anchored.feedback(true).unwrap());
         attn_head::Head::new(run.weights()).unwrap().run(&inputs.as_inputs()).unwrap()
     };
     let (all, half) = (outputs(1.0), outputs(0.5));

@@ -28,7 +28,8 @@ impl<'a, M: Message<'a>> Backward<'_, 'a, M> {
         let mut grad = vec![0.0; n * WIDTH];
         let (last, layers) = tape.features.split_last().expect("features before and after layers");
         self.attributes(last, grad_out, &mut grad, &mut weights);
-        let lookers = Lookers::new(self.inputs);
+        let nobody = Inputs { k: 0, neighbours: &[], relative: &[], ..*self.inputs };
+        let lookers = Lookers::new(if M::LOOKS { self.inputs } else { &nobody });
         let mut shown = vec![0.0; n * M::SHOWN];
         let mut sent: Vec<M::Sent> = (0..n.div_ceil(BLOCK)).map(|_| M::Sent::default()).collect();
         let recorded = layers.iter().zip(&tape.maxima);

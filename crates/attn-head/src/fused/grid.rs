@@ -9,12 +9,12 @@ use super::message::{Anchors, Kept, Message, zero};
 use super::network::BLOCK;
 use super::range_rows;
 use super::sums::Sums;
-use crate::{CELL, Inputs, Layout, WIDTH};
+use crate::{CELL_WIDTH, Inputs, Layout, WIDTH};
 use cpu_kernels::{Isa, Rows, rows};
 use rayon::prelude::*;
 
 /// Numbers that an anchor shows, of the fine cell first.
-const SHOWN: usize = 2 * CELL;
+const SHOWN: usize = 2 * CELL_WIDTH;
 
 /// Parameters of the grid in a layer.
 #[derive(Debug)]
@@ -29,6 +29,7 @@ pub(super) struct Sent(Vec<f32>);
 
 impl<'a> Message<'a> for Grid<'a> {
     const SHOWN: usize = SHOWN;
+    const LOOKS: bool = false;
     type Work = ();
     type Sent = Sent;
 
@@ -100,14 +101,18 @@ fn means(anchors: Anchors<'_>) -> Rows<'_> {
 fn to_means(cells: &[[u32; 2]], rows: &mut [f32]) {
     let isa = Isa::in_use();
     let of_level = |level: usize| {
-        let mut sums = vec![0.0; cells.len() * CELL];
+        let mut sums = vec![0.0; cells.len() * CELL_WIDTH];
         let mut counts = vec![0_u32; cells.len()];
         for (row, cells) in rows.chunks_exact(SHOWN).zip(cells) {
             let cell = cells[level] as usize;
             counts[cell] += 1;
-            rows::add(isa, &mut sums[cell * CELL..][..CELL], &row[level * CELL..][..CELL]);
+            rows::add(
+                isa,
+                &mut sums[cell * CELL_WIDTH..][..CELL_WIDTH],
+                &row[level * CELL_WIDTH..][..CELL_WIDTH],
+            );
         }
-        for (sums, count) in sums.chunks_exact_mut(CELL).zip(counts).filter(|(_, count)| *count > 1) {
+        for (sums, count) in sums.chunks_exact_mut(CELL_WIDTH).zip(counts).filter(|(_, count)| *count > 1) {
             sums.iter_mut().for_each(|sum| *sum /= count as f32);
         }
         sums
@@ -116,9 +121,9 @@ fn to_means(cells: &[[u32; 2]], rows: &mut [f32]) {
     let some = range_rows(cells.len());
     rows.par_chunks_mut(some * SHOWN).zip(cells.par_chunks(some)).for_each(|(rows, cells)| {
         for (row, cells) in rows.chunks_exact_mut(SHOWN).zip(cells) {
-            let (of_fine, of_coarse) = row.split_at_mut(CELL);
-            of_fine.copy_from_slice(&fine[cells[0] as usize * CELL..][..CELL]);
-            of_coarse.copy_from_slice(&coarse[cells[1] as usize * CELL..][..CELL]);
+            let (of_fine, of_coarse) = row.split_at_mut(CELL_WIDTH);
+            of_fine.copy_from_slice(&fine[cells[0] as usize * CELL_WIDTH..][..CELL_WIDTH]);
+            of_coarse.copy_from_slice(&coarse[cells[1] as usize * CELL_WIDTH..][..CELL_WIDTH]);
         }
     });
 }

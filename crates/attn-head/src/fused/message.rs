@@ -86,7 +86,10 @@ pub(super) trait Message<'a>: Sized + Sync {
     /// What anchors with the normalised features `h` show.
     fn show(&self, h: Rows<'_>, shown: &mut [f32]);
 
-    /// Replaces what all anchors show by what others see of it; where they see it as it is, nothing.
+    /// Whether anchors look at their neighbours.
+    const LOOKS: bool = true;
+
+    /// Replaces what all anchors show by what others see of it. The default leaves it unchanged.
     fn share(_inputs: &Inputs<'_>, _shown: &mut [f32]) {}
 
     /// Adds the messages to the rows `y`. `maxima`, if asked for, are to be the block's.

@@ -1,7 +1,7 @@
 //! The message of the neighbours in one block, for each kind of head.
 
 use super::layers::{Perceptron, max, part};
-use crate::{CELL, Config, HEAD_WIDTH, HEADS, Kind, MESSAGE, WIDTH};
+use crate::{CELL_WIDTH, Config, HEAD_WIDTH, HEADS, Kind, MESSAGE, WIDTH};
 use candle_core::{Result, Tensor};
 use candle_nn::{Linear, Module, VarBuilder, linear, ops};
 
@@ -117,8 +117,8 @@ impl Gather {
                 Self::Mlp { other: part(&message, 0, WIDTH)?, position: part(&message, WIDTH, 3)?, mix }
             }
             Kind::Grid => Self::Grid {
-                cell: linear(WIDTH, 2 * CELL, vb.pp("cell"))?,
-                join: linear(2 * CELL, WIDTH, vb.pp("join"))?,
+                cell: linear(WIDTH, 2 * CELL_WIDTH, vb.pp("cell"))?,
+                join: linear(2 * CELL_WIDTH, WIDTH, vb.pp("join"))?,
             },
         })
     }
@@ -168,7 +168,7 @@ impl Gather {
                 mix.forward(&Tensor::cat(&[own, messages], 1)?)?
             }
             Self::Grid { join, .. } => {
-                let means = |level| hood.means(&own.narrow(1, level * CELL, CELL)?, level);
+                let means = |level| hood.means(&own.narrow(1, level * CELL_WIDTH, CELL_WIDTH)?, level);
                 join.forward(&Tensor::cat(&[means(0)?, means(1)?], 1)?)?
             }
             Self::Alone { mix } => mix.forward(&own)?,

@@ -1,6 +1,6 @@
 //! The heads in f64, anchor by anchor and pair by pair, as the formulas of the README are written.
 
-use attn_head::{CELL, Config, HEAD_WIDTH, HEADS, Kind, Layout, WIDTH};
+use attn_head::{CELL_WIDTH, Config, HEAD_WIDTH, HEADS, Kind, Layout, WIDTH};
 
 /// What `attn_head::Inputs` holds.
 #[derive(Debug, Clone)]
@@ -87,7 +87,7 @@ impl Case {
                     let same = (0..self.n).filter(|&j| self.cells[j][level] == self.cells[i][level]);
                     let all: Vec<_> = same.map(|j| self.linear(&name("cell"), &h[j])).collect();
                     let mean = |c: usize| all.iter().map(|row| row[c]).sum::<f64>() / all.len() as f64;
-                    means.extend((level * CELL..(level + 1) * CELL).map(mean));
+                    means.extend((level * CELL_WIDTH..(level + 1) * CELL_WIDTH).map(mean));
                 }
                 self.linear(&name("join"), &means)
             }

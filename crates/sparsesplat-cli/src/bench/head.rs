@@ -8,7 +8,7 @@ use crate::failure::{OrFail, Outcome};
 use crate::progress::Progress;
 use crate::summary::{print, print_line};
 use attn_head::plain::{Network, TensorInputs};
-use attn_head::{CELL, Config, Inputs, Kind, MESSAGE, OUTPUTS, WIDTH, Weights, fused};
+use attn_head::{CELL_WIDTH, Config, Inputs, Kind, MESSAGE, OUTPUTS, WIDTH, Weights, fused};
 use candle_core::{DType, Device, Tensor, Var};
 use clap::{Args, ValueEnum};
 use report_parts::{Table, count};
@@ -191,7 +191,7 @@ fn flop(config: &Config, n: usize, k: usize, training: bool) -> f64 {
         Kind::EdgeConv => (2 * square + pairs * 5 * WIDTH, pairs * square),
         Kind::MaxPool => (3 * square + pairs * 4 * WIDTH, pairs * square),
         Kind::Mlp => ((WIDTH + k * 4) * MESSAGE + (WIDTH + k * MESSAGE) * WIDTH + square, 0),
-        Kind::Grid => (4 * CELL * WIDTH, 0),
+        Kind::Grid => (4 * CELL_WIDTH * WIDTH, 0),
     };
     let output = square + WIDTH * OUTPUTS;
     let layers = config.kind.layers();

@@ -201,6 +201,9 @@ fn rows_of_an_ablation_are_trained_once_and_measured_each() {
     fs::write(&config, one.replace("steps: 1", "steps: 0")).unwrap();
     let Called { code, stderr, .. } = ablate("K=0");
     assert!(code == Some(2) && stderr.contains("steps: 0") && stderr.contains("--steps"), "{stderr}");
+    fs::write(&config, one.replace("steps: 1", "steps: 1, looks: 3")).unwrap();
+    let Called { code, stderr, .. } = ablate("K=0");
+    assert!(code == Some(2) && stderr.contains("leave looks out"), "{stderr}");
     fs::write(&config, one).unwrap();
     let Called { code, stderr, .. } = ablate("K=0,K=7");
     assert!(code == Some(2) && stderr.contains("K=7") && stderr.contains("K=30"), "{stderr}");

@@ -237,7 +237,8 @@ mod tests {
         let anchored = anchor(&COURTYARD, &geometry, &config, 0, &mut Stages::new(&mut |_| {})).unwrap();
         assert!(anchored.feedback(false).unwrap().is_empty());
         let feedback = anchored.feedback(true).unwrap();
-        let [without, with] = [&[][..], &feedback].map(|feedback| anchored.inputs(&geometry.views, feedback));
+        let [without, with] = [&[][..], &feedback]
+            .map(|feedback| anchored.inputs(attn_head::Kind::Attention, &geometry.views, feedback));
         assert_eq!(with.geometry.len(), with.n * geometry_features(true));
         let rows =
             without.geometry.chunks_exact(geometry_features(false)).zip(feedback.chunks_exact(FEEDBACK));

@@ -1,8 +1,8 @@
 //! The cells of the two grids whose means a grid head sees.
 //!
-//! A cell is a cube. Its edge follows the anchors about it, so that a cell holds about as many of them wherever it is: [`FINE`] squared
-//! and [`COARSE`] squared on a surface. Edges are powers of two, and anchors whose edges differ share no cell. So what a head sees of the
-//! grid changes when the scene is moved, turned or scaled, unlike all else that it sees, though not in the mean.
+//! A cell is a cube. Its edge follows the local spacing of anchors, so that a cell holds about as many of them wherever it is: [`FINE`] squared
+//! and [`COARSE`] squared on a surface. Edges are powers of two, and anchors whose edges differ share no cell. Turning or scaling the
+//! scene, or another first anchor, changes which anchors share a cell, but not how many do on average.
 
 use crate::anchored::Anchored;
 use glam::DVec3;

@@ -97,7 +97,8 @@ impl LearnedHead {
             false => Vec::new(),
         };
         stages.run(Stage::Head, || {
-            let outputs = self.outputs(&anchored.inputs(geometry, &feedback), geometry)?;
+            let inputs = anchored.inputs(self.head.config().kind, geometry, &feedback);
+            let outputs = self.outputs(&inputs, geometry)?;
             Ok(anchored.decoder(self.parametrisation).decode(&outputs))
         })
     }

@@ -1,6 +1,7 @@
 //! What a head sees of the anchors. Nothing of it changes when the scene is moved, turned or scaled: directions are in
 //! the axes of the anchor's camera, lengths in units of the anchor's spacing (the width of the patch that it stands
-//! for), so that a head trained in a room works in a street. Absolute are colours, confidence, and where in its picture
+//! for), so that a head trained in a room works in a street. (Which anchors share a cell of the grid does change when it is turned or scaled.)
+//! Absolute are colours, confidence, and where in its picture
 //! an anchor lies (the viewing ray): there lenses and stereo have their habits. (What rendering says of an anchor changes as far as its
 //! Gaussian does, whose mean is rounded to f32.)
 
@@ -8,7 +9,7 @@ use super::feedback::FEEDBACK;
 use super::grid;
 use super::support::support;
 use crate::anchored::Anchored;
-use attn_head::Inputs;
+use attn_head::{Inputs, Kind};
 use depth_backbone::ViewGeometry;
 use glam::DVec3;
 use gs_scene::View;
@@ -45,7 +46,7 @@ pub fn image_features(channels: usize) -> usize {
 pub struct HeadInputs {
     /// Number of anchors.
     pub n: usize,
-    /// Neighbours of each.
+    /// Neighbours of each; none for a grid.
     pub k: usize,
     /// g, `[n, geometry_features]`, with feedback or without.
     pub geometry: Vec<f32>,
@@ -55,7 +56,7 @@ pub struct HeadInputs {
     pub neighbours: Vec<u32>,
     /// Where they lie: the anchor's camera's axes, units of its spacing.
     pub relative: Vec<[f32; 3]>,
-    /// The fine and the coarse cell of each, `[n, 2]`.
+    /// The fine and the coarse cell of each, `[n, 2]`; only for a grid.
     pub cells: Vec<[u32; 2]>,
 }
 
@@ -74,29 +75,27 @@ impl HeadInputs {
         }
     }
 
-    /// Of anchors with features; `views` are in the common exposure, `feedback` is `[n, FEEDBACK]` or empty.
+    /// What a head of this kind looks at, of anchors with features; `views` are in the common exposure, `feedback` is `[n, FEEDBACK]` or empty.
     pub(crate) fn new(
         anchored: &Anchored,
         views: &[View],
         geometry: &[ViewGeometry],
         feedback: &[f32],
+        kind: Kind,
     ) -> Self {
         let width = geometry_features(!feedback.is_empty());
         let anchors = &anchored.anchors;
         let (n, channels) = (anchors.len(), anchors.channels);
-        let (k, neighbours) = anchored.neighbours.as_ref().map_or((0, Vec::new()), |nearest| {
-            (nearest.k, anchored.gathered.as_ref().unwrap_or(&nearest.indices).clone())
+        let (k, neighbours) = anchored.neighbours.as_ref().map_or((0, &[][..]), |nearest| {
+            (nearest.k, anchored.gathered.as_ref().unwrap_or(&nearest.indices).as_slice())
         });
         let mut inputs = Self {
             n,
-            k,
+            k: 0,
             geometry: vec![0.0; n * width],
             image: vec![0.0; n * image_features(channels)],
-            relative: vec![[0.0; 3]; n * k],
-            neighbours,
-            cells: grid::cells(anchored),
+            ..Self::default()
         };
-        let neighbours = &inputs.neighbours;
         inputs
             .geometry
             .par_chunks_mut(CHUNK * width)
@@ -120,7 +119,11 @@ impl HeadInputs {
                     colour.copy_from_slice(&anchored.cells[i].colour);
                 }
             });
-        if k > 0 {
+        if kind == Kind::Grid {
+            inputs.cells = grid::cells(anchored);
+        } else if k > 0 {
+            (inputs.k, inputs.neighbours) = (k, neighbours.to_vec());
+            inputs.relative = vec![[0.0; 3]; n * k];
             inputs.relative.par_chunks_mut(k).zip(neighbours.par_chunks(k)).enumerate().for_each(
                 |(i, (relative, neighbours))| {
                     for (relative, &j) in relative.iter_mut().zip(neighbours) {

@@ -16,6 +16,7 @@ pub use inputs::{HeadInputs, geometry_features, image_features};
 pub use parametrisation::Parametrisation;
 
 use crate::{Anchored, Result};
+use attn_head::Kind;
 use depth_backbone::ViewGeometry;
 
 impl Anchored {
@@ -27,11 +28,11 @@ impl Anchored {
         if wanted { feedback::feedback(self) } else { Ok(Vec::new()) }
     }
 
-    /// What a head sees of these anchors; `geometry` is what they were made from, with features. `feedback` is
+    /// What a head of a kind sees of these anchors; `geometry` is what they were made from, with features. `feedback` is
     /// [`feedback`](Self::feedback), which is empty for a head that does without.
     #[must_use]
-    pub fn inputs(&self, geometry: &[ViewGeometry], feedback: &[f32]) -> HeadInputs {
-        HeadInputs::new(self, &self.views, geometry, feedback)
+    pub fn inputs(&self, kind: Kind, geometry: &[ViewGeometry], feedback: &[f32]) -> HeadInputs {
+        HeadInputs::new(self, &self.views, geometry, feedback, kind)
     }
 
     /// What turns a head's outputs for these anchors into Gaussians.

@@ -12,7 +12,7 @@ fn gathered_from(views: &[View], config: &Config, covisible: usize) -> (Anchored
     let geometry =
         Predictor::new(config.clone()).unwrap().geometry_with(views, Wanted::DepthAndFeatures).unwrap();
     let anchored = anchor(views, &geometry, config, covisible, &mut Stages::new(&mut |_| {})).unwrap();
-    let inputs = anchored.inputs(&geometry.views, &[]);
+    let inputs = anchored.inputs(attn_head::Kind::Attention, &geometry.views, &[]);
     let rows = inputs.neighbours.chunks_exact(inputs.k.max(1)).map(<[u32]>::to_vec).collect();
     (anchored, rows)
 }
