@@ -5,8 +5,8 @@
 //! rows of pairs are made block by block, stay in the caches, and are made again for the gradient.
 //!
 //! The gradient goes backwards from the features before every layer. Each anchor gathers the gradient of what it shows from the
-//! anchors that it is a neighbour of, in their order (in the grid, from the means over its cells); gradients of weights are summed over fixed ranges of anchors, then
-//! over ranges. Neither depends on the number of threads.
+//! anchors that it is a neighbour of, in their order (in the grid, from the means over its cells); gradients of weights are summed
+//! over fixed ranges of anchors, then over ranges. Neither depends on the number of threads.
 //!
 //! Memory beyond inputs and outputs, in buffers of `[n, 128]` numbers:
 //!
