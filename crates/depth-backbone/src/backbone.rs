@@ -10,7 +10,7 @@ pub struct ViewGeometry {
     /// How far the depth can be trusted, `[height, width]`, 0..1. Below ½ it was filled in from neighbours; at 0 there
     /// is none, or the photographs contradict it.
     pub confidence: Vec<f32>,
-    /// Image features F, if they were wanted. [`ViewGeometry::feature_map`] gives them as a map.
+    /// Image features F, if they were wanted. [`ViewGeometry::feature_map`] gives them as a map, [`ViewGeometry::bank_at`] at some pixels.
     pub features: Option<Features>,
     /// One Gaussian per pixel, row by row, in the world, by the backbone's own head, if they were wanted.
     pub gaussians: Option<Gaussians>,

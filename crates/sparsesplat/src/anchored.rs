@@ -9,7 +9,7 @@ use crate::{
     Allocation, Budget, Config, Counts, Error, ExposureGain, Geometry, Result, Stage, Stages, shell,
 };
 use backproject::{Anchors, Backprojected, ViewPixels};
-use depth_backbone::ViewGeometry;
+use depth_backbone::{FEATURE_NAMES, Features, ViewGeometry};
 use entropy_sampler::{EntropyWindow, ImportanceMap};
 use glam::{DVec2, DVec3};
 use gs_scene::{Camera, Gaussians, View};
@@ -72,17 +72,22 @@ pub fn anchor(
     let (pixels, tau) = stages.run(Stage::Sampling, || sample(views, geometry, config, shell.len()))?;
 
     let (anchors, ranges, voxel_cells) = stages.run(Stage::Backproject, || {
-        // View by view, so that few feature maps are there at a time.
         let of = |i: usize| {
-            let map = geometry[i].feature_map(&views[i])?;
             let chosen = ViewPixels {
                 camera: views[i].camera(),
                 depth: geometry[i].depth.data(),
                 pixels: &pixels[i],
                 image: None,
-                features: map.as_deref(),
+                features: match &geometry[i].features {
+                    Some(Features::Map(map)) => Some(map),
+                    Some(Features::Bank { .. }) | None => None,
+                },
             };
-            Ok::<_, Error>(backproject::anchors(&[chosen], &backproject::Settings::default())?)
+            let mut part = backproject::anchors(&[chosen], &backproject::Settings::default())?;
+            if let Some(bank) = geometry[i].bank_at(&views[i], &part.anchors.pixels)? {
+                (part.anchors.features, part.anchors.channels) = (bank, FEATURE_NAMES.len());
+            }
+            Ok::<_, Error>(part)
         };
         let parts: Vec<Backprojected> = (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()?;
         let mut all = Backprojected::default();
