@@ -16,7 +16,7 @@ pub const COVISIBLE: &str = "covisible";
 
 /// Weights for the plane sweep's features, and what reports call them; docs/training.md says how they came about. The default:
 const GRID: (&[u8], &str) =
-    (include_bytes!("../../weights/plane-sweep-grid-2.safetensors"), "learned (plane-sweep-grid-2)");
+    (include_bytes!("../../weights/plane-sweep-grid-1.safetensors"), "learned (plane-sweep-grid-1)");
 /// The paper's attention.
 const ATTENTION: (&[u8], &str) =
     (include_bytes!("../../weights/plane-sweep-2.safetensors"), "learned (plane-sweep-2)");
