@@ -4,6 +4,7 @@ use crate::pair::Pair;
 use crate::range::Planes;
 use gs_scene::View;
 use rayon::prelude::*;
+use std::cmp::Ordering;
 
 /// Two inverse depths agree within this relative difference …
 const RELATIVE_TOLERANCE: f32 = 0.015;
@@ -76,25 +77,30 @@ impl<'a> Witness<'a> {
         let Some((x, y, seen)) = self.pixel(u, v, w) else {
             return Opinion::Unseen;
         };
-        let own = self.inverse_depth[y * self.width + x];
-        let tolerance = (RELATIVE_TOLERANCE * seen).max(STEP_TOLERANCE * planes.step());
-        if seen > own + tolerance {
-            Opinion::Floats
-        } else if seen < own - tolerance {
-            Opinion::Hidden
-        } else {
-            // The other surface at this pixel is locally parallel to the point's: shift the point, not the pixel.
-            let h = self.from.project(x as f32 + 0.5, y as f32 + 0.5, own);
-            let back = own / h.z;
-            Opinion::Agrees(if back.is_finite() && back > 0.0 { back } else { w })
+        match self.compare(y * self.width + x, seen, planes) {
+            Ordering::Greater => Opinion::Floats,
+            Ordering::Less => Opinion::Hidden,
+            Ordering::Equal => {
+                // The other surface at this pixel is locally parallel to the point's: shift the point, not the pixel.
+                let own = self.inverse_depth[y * self.width + x];
+                let h = self.from.project(x as f32 + 0.5, y as f32 + 0.5, own);
+                let back = own / h.z;
+                Opinion::Agrees(if back.is_finite() && back > 0.0 { back } else { w })
+            }
         }
     }
 
-    /// Mean absolute colour difference between a colour and what the other view sees at the point.
-    fn colour_difference(&self, u: f32, v: f32, w: f32, colour: [f32; 3]) -> Option<f32> {
-        let (x, y, _) = self.pixel(u, v, w)?;
-        let other = self.view.image().pixel(x, y);
-        Some((0..3).map(|c| (colour[c] - other[c]).abs()).sum::<f32>() / 3.0)
+    /// Whether a point that a pixel of the other view sees at inverse depth `seen` is nearer than the surface there, farther, or on it.
+    fn compare(&self, pixel: usize, seen: f32, planes: &Planes) -> Ordering {
+        let own = self.inverse_depth[pixel];
+        let tolerance = (RELATIVE_TOLERANCE * seen).max(STEP_TOLERANCE * planes.step());
+        if seen > own + tolerance {
+            Ordering::Greater
+        } else if seen < own - tolerance {
+            Ordering::Less
+        } else {
+            Ordering::Equal
+        }
     }
 }
 
@@ -129,18 +135,23 @@ pub(crate) fn contradicted(
     planes: &Planes,
 ) -> Vec<bool> {
     let width = view.camera().width();
-    let judge = |(i, &w): (usize, &f32)| {
+    let judge = |differences: &mut Vec<f32>, (i, &w): (usize, &f32)| {
         let (x, y) = (i % width, i / width);
         let (u, v) = (x as f32 + 0.5, y as f32 + 0.5);
         let colour = view.image().pixel(x, y);
         let mut floats = false;
-        let mut differences = Vec::with_capacity(witnesses.len());
+        differences.clear();
         for witness in witnesses {
-            let opinion = witness.opinion(u, v, w, planes);
-            floats |= opinion == Opinion::Floats;
-            if matches!(opinion, Opinion::Agrees(_) | Opinion::Floats) {
-                differences.extend(witness.colour_difference(u, v, w, colour));
+            let Some((x, y, seen)) = witness.pixel(u, v, w) else { continue };
+            let pixel = y * witness.width + x;
+            let order = witness.compare(pixel, seen, planes);
+            if order == Ordering::Less {
+                continue;
             }
+            floats |= order == Ordering::Greater;
+            let other = witness.colour(pixel);
+            let sum: f32 = colour.iter().zip(other).map(|(own, other)| (own - other).abs()).sum();
+            differences.push(sum / 3.0);
         }
         if differences.is_empty() {
             return false;
@@ -149,5 +160,5 @@ pub(crate) fn contradicted(
         let median = *differences.select_nth_unstable_by(middle, f32::total_cmp).1;
         median > WRONG_DIFFERENCE || (floats && median > FLOATING_DIFFERENCE)
     };
-    inverse_depth.par_iter().enumerate().with_min_len(1 << 12).map(judge).collect()
+    inverse_depth.par_iter().enumerate().with_min_len(1 << 12).map_init(Vec::new, judge).collect()
 }

@@ -17,6 +17,7 @@ mod driver;
 mod eval;
 mod failure;
 mod given;
+mod memory;
 mod output;
 mod paper;
 mod poses;
@@ -96,6 +97,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    memory::keep_free();
     let command = Cli::command();
     let matches = command.clone().get_matches();
     let mut cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
