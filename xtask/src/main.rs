@@ -160,8 +160,11 @@ const EXTRAS: &str = "sparsesplat-cli/peers,sparsesplat-cli/hf-hub,sparsesplat-c
 /// The engine openMVG-rs declares Rust 1.97 and builds with the workspace's: cargo wants this flag wherever its feature is on.
 const ANY_RUST: &str = "--ignore-rust-version";
 
+/// What is built to be tested: not the examples, each of which would be linked. Clippy checks them.
+const TARGETS: [&str; 3] = ["--lib", "--bins", "--tests"];
+
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 14] = [
+const CI: [Step; 15] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo(
@@ -185,7 +188,16 @@ const CI: [Step; 14] = [
         ],
         &[],
     ),
-    Step::Cargo("test", &["xtask", "test", "--gpu", "--features", EXTRAS, ANY_RUST], &SAME_CASES),
+    Step::Cargo(
+        "test",
+        &["xtask", "test", "--gpu", "--features", EXTRAS, ANY_RUST, TARGETS[0], TARGETS[1], TARGETS[2]],
+        &SAME_CASES,
+    ),
+    Step::Cargo(
+        "test of the documentation",
+        &["test", "--workspace", "--features", EXTRAS, ANY_RUST, "--doc"],
+        &[],
+    ),
     Step::Check("instruction sets", sets::check),
     Step::Check("speed under every set", sets::guard),
     Step::Cargo(
@@ -218,7 +230,12 @@ const CI: [Step; 14] = [
         ],
         &[],
     ),
-    Step::Cargo("test without candle", &["test", "--package", "attn-head"], &SAME_CASES),
+    // Memory was measured above.
+    Step::Cargo(
+        "test without candle",
+        &["test", "--package", "attn-head", "--lib", "--test", "it"],
+        &SAME_CASES,
+    ),
     Step::Cargo("doc", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-Dwarnings")]),
     // A working copy with changes has packages, too.
     Step::Cargo(

@@ -58,10 +58,15 @@ pub(crate) fn guard(root: &Path) -> io::Result<Vec<String>> {
 /// What the step before built, selected in the same words: nothing is compiled anew.
 fn all_built(root: &Path) -> io::Result<Vec<Built>> {
     let selection = ["test", "--workspace", "--features", crate::EXTRAS, crate::ANY_RUST];
-    Ok(said(cargo(selection).args(["--no-run", "--message-format", "json"]).current_dir(root))?
-        .lines()
-        .filter_map(built_by)
-        .collect())
+    Ok(said(
+        cargo(selection)
+            .args(crate::TARGETS)
+            .args(["--no-run", "--message-format", "json"])
+            .current_dir(root),
+    )?
+    .lines()
+    .filter_map(built_by)
+    .collect())
 }
 
 /// An executable, and the folder of its crate.

@@ -40,9 +40,9 @@ pub struct Anchors {
     pub footprints: Vec<f32>,
     /// Colour of the pixel, in the range of the image; empty without images.
     pub colours: Vec<[f32; 3]>,
-    /// Features, `[n, channels]`, bilinear at the pixel's centre; empty without feature maps.
+    /// Features, `[n, channels]`, bilinear at the pixel's centre; empty without feature maps, for the caller to fill in.
     pub features: Vec<f32>,
-    /// Features per anchor; 0 without feature maps.
+    /// Features per anchor; 0 while there are none.
     pub channels: usize,
     /// Index (row-major) of the pixel in its view.
     pub pixels: Vec<u32>,

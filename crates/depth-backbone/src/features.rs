@@ -161,7 +161,7 @@ mod tests {
         let map = geometry.feature_map(&view).unwrap().unwrap();
         assert_eq!(map.channels(), FEATURE_NAMES.len());
         for (channel, name) in FEATURE_NAMES.iter().enumerate().skip(12).take(16) {
-            assert!(map.channel(channel).iter().all(|v| v.abs() < 2e-3), "{name}");
+            assert!(map.channel(channel).iter().all(|v| v.abs() < 1e-5), "{name}");
         }
         assert!(map.channel(4).iter().all(|v| (v - 0.4).abs() < 1e-6));
         assert_eq!((map.channel(28)[0], map.channel(29)[0]), (1.0, 0.3));

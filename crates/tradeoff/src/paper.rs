@@ -38,7 +38,7 @@ const RUNTIME: [Column; 7] = [
     Column("milliseconds_backbone", "backbone", Some(1), |row| 1e3 * row.seconds.stages[Stage::Backbone]),
     Column("milliseconds_sampling", "sampling", Some(1), |row| 1e3 * row.seconds.stages[Stage::Sampling]),
     Column("milliseconds_knn", "KNN", Some(1), |row| 1e3 * row.seconds.stages[Stage::Knn]),
-    Column("milliseconds_attention", "attention", Some(1), |row| 1e3 * row.seconds.stages[Stage::Head]),
+    Column("milliseconds_attention", "head", Some(1), |row| 1e3 * row.seconds.stages[Stage::Head]),
     Column("milliseconds_other", "other", Some(1), |row| 1e3 * other(row)),
     Column("milliseconds_between", "between", Some(1), |row| 1e3 * between(row)),
     Column("milliseconds_total", "total", Some(1), |row| 1e3 * row.seconds_to_gaussians),
@@ -222,7 +222,7 @@ impl PaperTable {
                 ]
             }
             Self::Runtime => vec![text(
-                "Other: loading, exposure, far shell, back-projection, feedback, decoding and writing, which the paper does not list. Between: \
+                "Head: the paper's is its attention. Other: loading, exposure, far shell, back-projection, feedback, decoding, looks and writing, which the paper does not list. Between: \
                  wall time outside of all stages. The paper's times are for a GPU.",
             )],
             Self::Frames => vec![text(

@@ -1,5 +1,5 @@
 //! The bank at chosen pixels. Few pixels of a picture become anchors, so only theirs is computed: of the rows around them sums from the left
-//! edge are kept, and a window is two such sums for each of its rows.
+//! edge are kept, and a window is the difference of two such sums in each of its rows.
 
 use super::FEATURE_NAMES;
 use crate::Result;
@@ -17,8 +17,8 @@ const KEPT: usize = (2 * REACH + 1).next_power_of_two();
 /// Rows of a task: each begins with the sums of [`REACH`] rows before it.
 const STRIP: usize = 64;
 
-/// Sums over some pixels of red, green, blue, luma and its square, relative inverse depth and its square. f64, so that windows at the far
-/// end of a row lose nothing; one cache line.
+/// Sums over some pixels of red, green, blue, luma and its square, relative inverse depth and its square; the last is 0. f64,
+/// so that windows at the far end of a row lose nothing.
 type Sums = [f64; 8];
 const LUMA: usize = 3;
 const INVERSE_DEPTH: usize = 5;
@@ -83,10 +83,11 @@ impl<'a> Bank<'a> {
         rows.into_flattened()
     }
 
-    /// Inverse depth in units of that of the median; 0 where there is none.
+    /// Inverse depth in units of that of the median; 0 where there is none. A single depth next to 0 must not swallow the sums of its row.
     fn inverse_depth(&self, pixel: usize) -> f32 {
+        const LARGEST: f32 = 1e6;
         let depth = self.depth[pixel];
-        if depth > 0.0 { (self.median / depth).min(f32::MAX) } else { 0.0 }
+        if depth > 0.0 { (self.median / depth).min(LARGEST) } else { 0.0 }
     }
 
     fn log_depth(&self, pixel: usize) -> f32 {
@@ -148,7 +149,7 @@ impl<'a> Window<'a> {
             }
             out[0] = [0.0; 8];
         }
-        self.next = self.next.max(last + 1);
+        self.next = last + 1;
     }
 
     /// Pairs of sums whose differences are those over the rows of the window around a pixel, cut at the border, and its number of pixels.
@@ -286,8 +287,22 @@ mod tests {
                 let middle = mean(pixel, SMOOTH, &|i| f64::from(bank.inverse_depth(i)));
                 let variance = mean(pixel, SMOOTH, &|i| (f64::from(bank.inverse_depth(i)) - middle).powi(2));
                 prop_assert!(close(27, 10.0 * variance.sqrt()), "{} {}", row[27], 10.0 * variance.sqrt());
+                let around = bank.around(pixel as usize);
+                let [left, right, up, down] = around.map(|i| f64::from(bank.luma[i]));
+                let centre = f64::from(bank.luma[pixel as usize]);
+                prop_assert!(close(18, 0.5 * (right - left)) && close(19, 0.5 * (down - up)));
+                prop_assert!(close(22, 0.25 * (left + right + up + down) - centre));
+                let log_depth = |i: usize| {
+                    let depth = f64::from(depth.data()[i]);
+                    if depth > 0.0 { (depth / f64::from(bank.median)).ln() } else { 0.0 }
+                };
+                let [left, right, up, down] = around.map(log_depth);
+                prop_assert!(close(24, log_depth(pixel as usize)));
+                prop_assert!(close(25, 5.0 * (right - left)) && close(26, 5.0 * (down - up)));
                 let [left, right, up, down] = bank.around(pixel as usize).map(|i| mean(i as u32, SMOOTH, &|i| f64::from(bank.luma[i])));
                 prop_assert!(close(20, 0.5 * (right - left)) && close(21, 0.5 * (down - up)));
+                let smooth = mean(pixel, SMOOTH, &|i| f64::from(bank.luma[i]));
+                prop_assert!(close(23, 0.25 * (left + right + up + down) - smooth));
             }
         }
     }
