@@ -83,7 +83,7 @@ fn peak(kind: Kind, pass: Pass, n: usize, k: usize) -> usize {
     PEAK.load(Relaxed) - before
 }
 
-const N: usize = 8_000;
+const N: usize = 20_000;
 const ROW: usize = WIDTH * size_of::<f32>();
 
 /// With 4 and with 24 neighbours.

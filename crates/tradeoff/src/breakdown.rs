@@ -50,7 +50,7 @@ pub(super) fn breakdown(summary: &Summary) -> String {
             colour(i),
             left + 17.0
         );
-        left += 34.0 + 6.6 * name.len() as f64;
+        left += 30.0 + 6.1 * name.len() as f64;
     }
     for (i, row) in rows.iter().enumerate() {
         let top = TOP + i * ROW;

@@ -165,6 +165,7 @@ impl Summary {
 }
 
 const PIXEL_ALIGNED: &str = "pixel-aligned";
+const CLOSED_FORM: &str = "closed-form-";
 const CLOSED_FORM_PIXEL_ALIGNED: &str = "closed-form-pixel-aligned";
 
 /// The times of the run whose pass took the median time; of an even number the shorter.
@@ -223,9 +224,11 @@ fn knee_of(points: &[Row], cost: fn(&Row) -> f64) -> Option<Knee> {
 
 fn shares(points: &[Row]) -> Vec<Share> {
     let of = |(name, rows): (String, Vec<&Row>)| {
-        // With the same head: else heads would be compared, not allocations.
-        let axis = if rows[0].label.axis == Axis::Head { Axis::Head } else { Axis::Budget };
-        let aligned = pixel_aligned(points, axis)?;
+        // With the same head: else heads would be compared, not allocations. Of the others only the closed form has one per pixel.
+        let label = &rows[0].label;
+        let is_comparable = label.axis != Axis::Head || label.point.starts_with(CLOSED_FORM);
+        let axis = if label.axis == Axis::Head { Axis::Head } else { Axis::Budget };
+        let aligned = pixel_aligned(points, axis).filter(|_| is_comparable)?;
         let curve: Vec<(f64, f64)> = rows.iter().map(|row| (row.gaussians, row.psnr_held_out)).collect();
         let reached = reaches(&curve, aligned.psnr_held_out);
         let share = match reached {

@@ -97,3 +97,24 @@ fn nothing_measured_is_a_summary_of_failures() {
         assert_eq!(summary.failures(), 1);
     }
 }
+
+#[test]
+fn heads_have_curves_of_their_own_and_only_the_closed_form_a_share() {
+    let mut labels = vec![label("closed-form-pixel-aligned", Axis::Head, "pixel-aligned", false)];
+    let mut entries = vec![Entry::Measured(measured("a/0", 0, "closed-form-pixel-aligned", 1_000_000, 21.0))];
+    for (head, psnrs) in [("closed-form", [20.0, 22.0]), ("attention", [23.0, 24.0])] {
+        for (n, psnr) in [10_000, 40_000].into_iter().zip(psnrs) {
+            let name = format!("{head}-{}k", n / 1000);
+            labels.push(Label { count: Some(n), ..label(&name, Axis::Head, "entropy", false) });
+            entries.push(Entry::Measured(measured("a/0", 0, &name, n, psnr)));
+        }
+    }
+    let summary = Summary::new(&header(&["a/0"], &labels, &[0]), &entries);
+    let curves: Vec<(String, usize)> =
+        summary.curves().into_iter().map(|(name, rows)| (name, rows.len())).collect();
+    assert_eq!(curves, [("entropy, closed form".to_owned(), 2), ("entropy, attention".to_owned(), 2)]);
+    let [share] = &summary.shares[..] else { panic!("{:?}", summary.shares) };
+    assert_eq!((share.curve.as_str(), share.aligned), ("entropy, closed form", 21.0));
+    let Reached::At { gaussians } = share.reached else { panic!("{share:?}") };
+    assert!((gaussians - 20_000.0).abs() < 1.0);
+}

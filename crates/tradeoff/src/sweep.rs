@@ -94,7 +94,7 @@ pub struct Label {
 }
 
 impl Label {
-    /// Whether it is a point of quality over the number of Gaussians: by an allocation, with the base's head or in closed form.
+    /// Whether it is a point of quality over the number of Gaussians: by an allocation, with the base's head or another.
     #[must_use]
     pub fn is_of_counts(&self) -> bool {
         matches!(self.axis, Axis::Budget | Axis::Allocation | Axis::Head)
@@ -104,7 +104,11 @@ impl Label {
     #[must_use]
     pub fn curve(&self) -> Option<String> {
         self.count.filter(|_| self.is_of_counts()).map(|_| match self.axis {
-            Axis::Head => format!("{}, closed form", self.allocation),
+            // Points of another head are called by it and the count: `closed-form-40k`.
+            Axis::Head => {
+                let head = self.point.rsplit_once('-').map_or("", |(head, _)| head);
+                format!("{}, {}", self.allocation, head.replace('-', " "))
+            }
             _ => self.allocation.clone(),
         })
     }
@@ -431,6 +435,11 @@ mod tests {
             all.iter().filter(|point| point.label.point.starts_with("attention-")).count()
         };
         assert!(attentions(Config::default()) > 1);
+        let curve = |point: &str| learned.iter().find(|p| p.label.point == point).unwrap().label.curve();
+        assert_eq!(curve("entropy-10k").as_deref(), Some("entropy"));
+        assert_eq!(curve("closed-form-10k").as_deref(), Some("entropy, closed form"));
+        assert_eq!(curve("attention-10k").as_deref(), Some("entropy, attention"));
+        assert_eq!(curve("closed-form-pixel-aligned"), None);
         assert_eq!(attentions(Config { head: Head::Attention, ..Config::default() }), 0);
         // DepthSplat's own Gaussians are one more point where they can be had.
         let of_network = |point: &&Point| point.method.predict.head == Head::DepthSplat;
