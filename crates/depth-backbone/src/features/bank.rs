@@ -90,9 +90,10 @@ impl<'a> Bank<'a> {
         if depth > 0.0 { (self.median / depth).min(LARGEST) } else { 0.0 }
     }
 
+    /// Logarithm of depth over its median; 0 where there is none. Finite whatever the depths.
     fn log_depth(&self, pixel: usize) -> f32 {
         let depth = self.depth[pixel];
-        if depth > 0.0 { (depth / self.median).ln() } else { 0.0 }
+        if depth > 0.0 { (depth / self.median).clamp(f32::MIN_POSITIVE, f32::MAX).ln() } else { 0.0 }
     }
 
     /// Pixels to the left, to the right, above and below; at the border the pixel itself.
@@ -247,6 +248,45 @@ mod tests {
     use gs_scene::{Camera, Image, Intrinsics};
     use proptest::prelude::*;
 
+    fn view(width: usize, height: usize, data: Vec<f32>) -> View {
+        let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 3.0, cy: 2.0, width, height };
+        let camera = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        View::new("v", Image::new(width, height, data).unwrap(), camera, None).unwrap()
+    }
+
+    #[test]
+    fn a_depth_next_to_nothing_or_beyond_all_is_finite_and_spoils_no_other_window() {
+        let (width, height) = (40, 3);
+        let view = view(width, height, vec![0.5; 3 * width * height]);
+        let mut depths: Vec<f32> = (0..width * height).map(|i| 1.0 + (i % 5) as f32).collect();
+        let plain = DepthMap::new(width, height, depths.clone()).unwrap();
+        for (at, depth) in [(0, 1e-40), (1, 1e-30), (2, f32::MAX), (width, f32::MIN_POSITIVE)] {
+            depths[at] = depth;
+        }
+        let hostile = DepthMap::new(width, height, depths).unwrap();
+        let some = vec![0.5; width * height];
+        let pixels: Vec<u32> = (0..(width * height) as u32).collect();
+        let [plain, hostile] =
+            [&plain, &hostile].map(|depth| Bank::new(&view, depth, &some, &some).unwrap().at(&pixels));
+        assert!(hostile.iter().all(|value| value.is_finite()));
+        let last = (width - 1) * FEATURE_NAMES.len() + 27;
+        assert!(
+            (plain[last] - hostile[last]).abs() < 0.01 * plain[last],
+            "{} {}",
+            plain[last],
+            hostile[last]
+        );
+    }
+
+    #[test]
+    fn no_pixels_have_no_rows() {
+        let depth = DepthMap::new(1, 1, vec![2.0]).unwrap();
+        let view = view(1, 1, vec![0.5; 3]);
+        let bank = Bank::new(&view, &depth, &[1.0], &[0.1]).unwrap();
+        assert!(bank.at(&[]).is_empty());
+        assert_eq!(bank.at(&[0, 0]).len(), 2 * FEATURE_NAMES.len());
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(48))]
         #[test]
@@ -257,13 +297,10 @@ mod tests {
                 (state >> 40) as f32 / (1 << 24) as f32
             };
             let n = width * height;
-            let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 3.0, cy: 2.0, width, height };
-            let image = Image::new(width, height, (0..3 * n).map(|_| random()).collect()).unwrap();
-            let camera = Camera::new(lens, DMat3::IDENTITY, DVec3::ZERO).unwrap();
+            let view = view(width, height, (0..3 * n).map(|_| random()).collect());
             let depth: Vec<f32> = (0..n).map(|_| (random() - 0.2).max(0.0)).collect();
             let depth = DepthMap::new(width, height, depth).unwrap();
             let pixels: Vec<u32> = (0..chosen).map(|_| (random() * n as f32) as u32 % n as u32).collect();
-            let view = View::new("v", image, camera, None).unwrap();
             let half = vec![0.5; n];
             let bank = Bank::new(&view, &depth, &half, &half).unwrap();
             let found = bank.at(&pixels);

@@ -11,13 +11,13 @@ use crate::shape::{Canvas, Face, SurfacePoint};
 use glam::DVec2;
 
 /// Edge of a cell, in lengths of a leaf. A leaf fits into its cell however it is turned.
-const CELL_WIDTH: f64 = 1.1;
+const CELL: f64 = 1.1;
 /// Greatest half width of a leaf, in its lengths, were it of one form on both sides of its middle.
 const HALF_WIDTH: f64 = 0.26;
 /// How much wider it is towards its stem.
 const TAPER: f64 = 0.7;
 /// Area of a leaf as a share of its cell: the integral of twice the half width.
-const AREA: f64 = HALF_WIDTH * 4.0 / 3.0 / (CELL_WIDTH * CELL_WIDTH);
+const AREA: f64 = HALF_WIDTH * 4.0 / 3.0 / (CELL * CELL);
 /// Fourteen full layers cover 99 %; where more is asked for, what lies below them is no hole but shade.
 const MOST_LAYERS: f64 = 14.0;
 
@@ -70,7 +70,7 @@ impl Leaves {
     /// From 0, a leaf in the shade, to 1, a lit one; `None` where there is no leaf.
     pub(super) fn tone(&self, canvas: &Canvas, point: &SurfacePoint) -> Option<f64> {
         let (place, sheet) = sheet(canvas, point);
-        let place = place / (self.length * CELL_WIDTH);
+        let place = place / (self.length * CELL);
         self.layers.iter().enumerate().find_map(|(depth, layer)| {
             let tone = layer.tone(place, sheet, self.presence)?;
             // Leaves farther back get less light.
@@ -91,9 +91,9 @@ impl Layer {
         let t = 2.0 * unit(own) - 1.0;
         let side = if bits & 1 == 0 { 1.0 } else { -1.0 };
         let along = DVec2::new(1.0 - t * t, 2.0 * t) * (side / (1.0 + t * t));
-        let room = 0.5 * (CELL_WIDTH - 1.0);
+        let room = 0.5 * (CELL - 1.0);
         let jitter = DVec2::new(unit(hash(own, 1, 22, 0)), unit(hash(own, 2, 22, 0))) * 2.0 - DVec2::ONE;
-        let q = (p - p.floor() - DVec2::splat(0.5)) * CELL_WIDTH - jitter * room;
+        let q = (p - p.floor() - DVec2::splat(0.5)) * CELL - jitter * room;
         // Along the leaf from stem to tip, -1/2 to 1/2, and across it.
         let (x, y) = (q.dot(along), q.perp_dot(along));
         let half_width = HALF_WIDTH * (1.0 - 4.0 * x * x) * (1.0 - TAPER * x);
