@@ -11,7 +11,7 @@ const FILLED: f64 = 3.0;
 /// Largest relative error that is ever drawn: depth stays positive.
 const LARGEST: f64 = 0.5;
 /// Smallest and largest distance between two places of independent errors, pixels.
-const CELL_WIDTH: [f64; 2] = [4.0, 64.0];
+const CELL: [f64; 2] = [4.0, 64.0];
 
 /// The geometry of a window with errors of depth that vary smoothly over each view, up to `strength` of the depth where
 /// it is confirmed; each view draws how strong and how wide its own are. Half of the windows stay as they are.
@@ -26,7 +26,7 @@ pub(crate) fn disturbed(
     for (i, view) in geometry.iter_mut().enumerate() {
         let draw = |what| unit(seed, Stream::Disturbance, 1 + 3 * i + what);
         let strength = strength * draw(0).powi(2);
-        let cell = CELL_WIDTH[0] * (CELL_WIDTH[1] / CELL_WIDTH[0]).powf(draw(1));
+        let cell = CELL[0] * (CELL[1] / CELL[0]).powf(draw(1));
         let own = bits(seed, Stream::Disturbance, 1 + 3 * i + 2);
         let (width, height) = (view.depth.width(), view.depth.height());
         let corners = (width as f64 / cell) as usize + 2;
