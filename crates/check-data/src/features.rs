@@ -82,7 +82,7 @@ const MIN_SIDE: usize = 48;
 /// Pixels on each side of a corner that its descriptor looks at, those for the gradient included.
 const REACH: usize = 11;
 /// Corners are spread over cells of about this side, pixels.
-const CELL_WIDTH: usize = 32;
+const CELL: usize = 32;
 /// Smallest eigenvalue of the mean squared gradient, in grey levels per pixel squared: under it is noise.
 const MIN_CORNER: f32 = 4.0;
 
@@ -118,7 +118,7 @@ impl Gradients {
             return Vec::new();
         }
         let response = self.response();
-        let (columns, rows) = (width.div_ceil(CELL_WIDTH), height.div_ceil(CELL_WIDTH));
+        let (columns, rows) = (width.div_ceil(CELL), height.div_ceil(CELL));
         let mut cells: Vec<Vec<(f32, usize, usize)>> = vec![Vec::new(); columns * rows];
         for y in REACH..height - REACH {
             for x in REACH..width - REACH {
@@ -134,7 +134,7 @@ impl Gradients {
                     })
                 });
                 if is_peak {
-                    cells[y / CELL_WIDTH * columns + x / CELL_WIDTH].push((here, y, x));
+                    cells[y / CELL * columns + x / CELL].push((here, y, x));
                 }
             }
         }
