@@ -4,6 +4,8 @@ use crate::run::cargo;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::thread;
 
 /// Crates with vector code, by their folders.
 const CRATES: [&str; 9] = [
@@ -30,20 +32,37 @@ pub(crate) fn check(root: &Path) -> io::Result<Vec<String>> {
         said(cargo(["run", "--quiet", "--package", "cpu-isa", "--example", "sets"]).current_dir(root))?;
     let sets: Vec<&str> = sets.lines().collect();
     let built = all_built(root)?;
-    let mut problems = Vec::new();
-    for set in sets.iter().rev().skip(1) {
-        for Built { folder, executable, .. } in
-            built.iter().filter(|built| built.is_test && has_vectors(&built.folder))
-        {
-            println!("     Running {} under {set}", executable.display());
-            let mut tests = Command::new(executable);
-            tests.current_dir(folder).env(VARIABLE, set).envs(crate::SAME_CASES).arg("--quiet");
-            if !tests.status()?.success() {
-                problems.push(format!("{}: tests fail under {VARIABLE}={set}", folder.display()));
-            }
+    let with_vectors: Vec<&Built> =
+        built.iter().filter(|built| built.is_test && has_vectors(&built.folder)).collect();
+    // Several at once: many end with one slow test on one thread.
+    let mut left =
+        sets.iter().rev().skip(1).flat_map(|set| with_vectors.iter().map(move |built| (*set, *built)));
+    let left = Mutex::new(&mut left);
+    let next = || left.lock().expect("no worker panics").next();
+    let work = || {
+        let mut problems = Vec::new();
+        while let Some((set, built)) = next() {
+            problems.extend(tested(set, built)?);
         }
-    }
-    Ok(problems)
+        Ok(problems)
+    };
+    thread::scope(|scope| {
+        let workers = thread::available_parallelism().map_or(1, usize::from);
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
+        let found = workers.into_iter().map(|worker| worker.join().expect("no worker panics"));
+        found.collect::<io::Result<Vec<_>>>().map(|problems| problems.concat())
+    })
+}
+
+/// Runs a test under a set; what fails.
+fn tested(set: &str, Built { folder, executable, .. }: &Built) -> io::Result<Option<String>> {
+    let mut tests = Command::new(executable);
+    tests.current_dir(folder).env(VARIABLE, set).envs(crate::SAME_CASES).arg("--quiet");
+    let output = tests.stderr(Stdio::inherit()).output()?;
+    let said = String::from_utf8_lossy(&output.stdout);
+    println!("     Ran {} under {set}\n{said}", executable.display());
+    let problem = format!("{}: tests fail under {VARIABLE}={set}", folder.display());
+    Ok(Some(problem).filter(|_| !output.status.success()))
 }
 
 /// Times every vector path under every set by `bench isa`, whose rules are ratios within one run: no other machine matters.
@@ -57,7 +76,7 @@ pub(crate) fn guard(root: &Path) -> io::Result<Vec<String>> {
 
 /// What the step before built, selected in the same words: nothing is compiled anew.
 fn all_built(root: &Path) -> io::Result<Vec<Built>> {
-    let selection = ["test", "--workspace", "--features", crate::EXTRAS, crate::ANY_RUST];
+    let selection = ["test", "--workspace", "--features", crate::EXTRAS];
     Ok(said(
         cargo(selection)
             .args(crate::TARGETS)

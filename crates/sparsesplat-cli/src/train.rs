@@ -113,7 +113,7 @@ pub(crate) struct Data {
 /// Steps between two checkpoints: some minutes' work at most is lost.
 pub(crate) const SAVE_EVERY: usize = 50;
 /// Context views of a window of photographs.
-const VIEWS: usize = 6;
+pub(crate) const VIEWS: usize = 6;
 /// Densities that are validated.
 const DENSITIES: [f64; 2] = [0.02, 0.1];
 /// First seed of the scenes to validate on.
@@ -356,24 +356,30 @@ impl Data {
             generated.extend(simulated(clean, self.size));
             generated.extend(in_the_wild(wild, self.size));
         }
-        let photographs = (self.dataset != Dataset::Simulated).then(|| self.photographs()).transpose()?;
+        let photographs = (self.dataset != Dataset::Simulated)
+            .then(|| photographs(self.dataset, self.root.as_deref(), self.size))
+            .transpose()?;
         Ok(Sources { simulated: generated, photographs })
     }
+}
 
-    fn photographs(&self) -> Outcome<Vec<Plan>> {
-        let Some(root) = &self.root else {
-            let explanation = self.dataset.explanation();
-            return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
-        };
-        let (width, height) = self.size;
-        let format = self.dataset.format(root);
-        let (plans, dropped) =
-            Plan::around_frames(root, VIEWS, width * height, format).map_err(Failure::sorted)?;
-        for dropped in dropped {
-            warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
-        }
-        Ok(plans)
+/// Windows of photographs to train on, pictures of about so many pixels as a size has.
+pub(crate) fn photographs(
+    dataset: Dataset,
+    root: Option<&Path>,
+    (width, height): (usize, usize),
+) -> Outcome<Vec<Plan>> {
+    let Some(root) = root else {
+        let explanation = dataset.explanation();
+        return Err(Failure::lines(format!("--dataset needs --root DIR\n{explanation}")));
+    };
+    let format = dataset.format(root);
+    let (plans, dropped) =
+        Plan::around_frames(root, VIEWS, width * height, format).map_err(Failure::sorted)?;
+    for dropped in dropped {
+        warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
     }
+    Ok(plans)
 }
 
 /// Refuses seeds of scenes to train on among which are some of scenes that something else is done on.

@@ -1,10 +1,12 @@
 //! `train-depth`: the network behind the plane sweep.
 
-use crate::arguments::{Common, positive, scenes, size};
-use crate::failure::{OrFail, Outcome};
+use crate::arguments::{Common, positive, scenes, share, size};
+use crate::datasets::Dataset;
+use crate::failure::{Failure, OrFail, Outcome};
 use crate::output::{self, Outputs};
 use crate::progress::Progress;
-use crate::summary::print_line;
+use crate::source::files_of;
+use crate::summary::{print_line, warn};
 use crate::train::{self, VALIDATION_SEED};
 use crate::train_folder::{Folder, Log};
 use ::train::depth::{DepthCases, DepthConfig, DepthScore, DepthTrainer};
@@ -12,7 +14,7 @@ use clap::Args;
 use depth_backbone::DepthWeights;
 use evaluate::{Recipe, peak_rss_bytes};
 use scene_sim::Kind;
-use scene_windows::SimulatedScene;
+use scene_windows::{Plan, Reading, SimulatedScene, Windows};
 use serde::Serialize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -21,12 +23,17 @@ use std::time::Instant;
 /// Train the network that improves stereo's depth
 ///
 /// Generated scenes are ray-traced and matched once; --cache keeps the results. Each step draws crops of their views and compares the
-/// network's depth with the exact one. --output receives checkpoint.safetensors (for --resume), weights.safetensors (for --depth of the
+/// network's depth with the exact one. With --dataset it sees photographs, too: their depth is what the data set measured, or what stereo finds
+/// with more views than the network sees. --output receives checkpoint.safetensors (for --resume), weights.safetensors (for --depth of the
 /// other commands) and log.jsonl.
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat train-depth -o run\n  \
     sparsesplat train-depth -o run --resume                  resumes after an interruption, bit for bit\n  \
+    sparsesplat train-depth -o run --dataset nerfstudio --root photographs --validation-root others\n  \
+    \x20                                                         half of the crops are of photographs\n  \
+    sparsesplat train-depth -o score --config none.ron --from run/weights.safetensors --validation-root PHOTOS\n  \
+    \x20                                                         scores weights; none.ron is (steps: 0)\n  \
     sparsesplat reconstruct PHOTOS --depth run/weights.safetensors -o scene.ply\n\n\
     A configuration is a RON file. Settings that it leaves out have the defaults, which --print-config prints.")]
 pub(crate) struct Arguments {
@@ -42,6 +49,15 @@ pub(crate) struct Arguments {
     /// Print all settings and stop
     #[arg(long)]
     print_config: bool,
+    /// Data set to train on beside generated scenes, or the layout of your own data
+    #[arg(long, value_enum, default_value = "simulated")]
+    dataset: Dataset,
+    /// Folder of one scene, or of several scenes, of --dataset
+    #[arg(long, value_name = "DIR")]
+    root: Option<PathBuf>,
+    /// With a data set on disk: share of the crops that see simulated scenes, 0 to below 1
+    #[arg(long, value_name = "SHARE", value_parser = share, default_value_t = 0.5)]
+    simulated_share: f64,
     /// Number of generated scenes
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 140)]
     scenes: usize,
@@ -54,7 +70,10 @@ pub(crate) struct Arguments {
     /// Number of generated scenes for validation, seeds 500, 501, ...; half of them in the wild
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 12, hide_short_help = true)]
     validation_scenes: usize,
-    /// Size of the pictures
+    /// Folder of scenes that are validated as well, such as photographs that are not trained on; the layout is recognised
+    #[arg(long, value_name = "DIR")]
+    validation_root: Option<PathBuf>,
+    /// Size of the pictures; photographs keep their shape and are scaled down to about as many pixels
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "320x208")]
     size: (usize, usize),
     /// Cache folder for views with what stereo found
@@ -75,8 +94,24 @@ pub(crate) struct Arguments {
 #[derive(Clone, Copy, Serialize)]
 struct Validation {
     step: usize,
+    #[serde(flatten)]
+    generated: Scores,
+    /// Of --validation-root.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    photographs: Option<Scores>,
+}
+
+/// The network's depth and that of stereo alone.
+#[derive(Clone, Copy, Serialize)]
+struct Scores {
     learned: DepthScore,
     stereo: DepthScore,
+}
+
+/// Views that are not trained on.
+struct HeldOut {
+    generated: DepthCases,
+    photographs: Option<DepthCases>,
 }
 
 /// What `--json` writes.
@@ -108,17 +143,40 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         return Ok(());
     }
     let named = arguments.config.iter().chain(&arguments.from).map(PathBuf::as_path);
-    Outputs::of(common).spare(named)?;
+    let outputs = &Outputs::of(common);
+    outputs.spare(named)?;
     let first = arguments.first_seed;
     let middle = first.saturating_add(arguments.scenes as u64);
     let last = middle.saturating_add(arguments.wild_scenes as u64);
     let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
-    train::keep_apart(first..last, &held_out, "validated")?;
+    let simulates = arguments.dataset == Dataset::Simulated || arguments.simulated_share > 0.0;
+    if simulates {
+        train::keep_apart(first..last, &held_out, "validated")?;
+    }
     let output = arguments.output.as_deref().unwrap_or(Path::new("."));
     let folder = Folder::begin(output, arguments.resume)?;
-    let cases = open(&generated(first..middle, middle..last), arguments)?;
+    if arguments.dataset == Dataset::Simulated || !simulates {
+        arguments.dataset.refuse_without_effect(&common.given)?;
+    }
+    let simulated =
+        if simulates { Some(open(&generated(first..middle, middle..last), arguments)?) } else { None };
+    let read = (arguments.dataset != Dataset::Simulated)
+        .then(|| train::photographs(arguments.dataset, arguments.root.as_deref(), arguments.size))
+        .transpose()?
+        .map(|plans| open_photographs(&plans, arguments, outputs))
+        .transpose()?;
+    let cases = match (read, simulated) {
+        (Some(read), Some(simulated)) => read.mixed_with(simulated, arguments.simulated_share),
+        (one, other) => one.or(other).expect("scenes are simulated where no photographs are read"),
+    };
     let half = held_out.start + (held_out.end - held_out.start).div_ceil(2);
-    let validation = open(&generated(held_out.start..half, half..held_out.end), arguments)?;
+    let generated = open(&generated(held_out.start..half, half..held_out.end), arguments)?;
+    let photographs = arguments
+        .validation_root
+        .as_deref()
+        .map(|root| open_photographs(&validated(root, arguments.size)?, arguments, outputs))
+        .transpose()?;
+    let validation = HeldOut { generated, photographs };
     print_line(&format!("views      {}, sha256 {}", cases.len(), cases.sha256()));
     let (views, data_sha256) = (cases.len(), cases.sha256().to_owned());
     let mut trainer = DepthTrainer::new(config, cases).or_work()?;
@@ -147,18 +205,45 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     Ok(())
 }
 
-/// Views of scenes, from the cache or made.
+/// Views of generated scenes, from the cache or made.
 fn open(scenes: &[SimulatedScene], arguments: &Arguments) -> Outcome<DepthCases> {
+    opened(scenes.len(), arguments, |on_scene| {
+        DepthCases::open(scenes, arguments.size, &arguments.cache, on_scene)
+    })
+}
+
+/// What `open` makes of so many scenes or windows, in sight of the user.
+fn opened(
+    count: usize,
+    arguments: &Arguments,
+    open: impl FnOnce(&(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync)) -> ::train::Result<DepthCases>,
+) -> Outcome<DepthCases> {
     output::check_folder(&arguments.cache)?;
-    let progress = Progress::new(scenes.len());
+    let progress = Progress::new(count);
     progress.say("preparing views");
-    let on_scene = &|name: &str, why: Option<&depth_backbone::Error>| {
+    open(&|name, why| {
         if let Some(why) = why {
             progress.warn(&format!("dropped {name}: {why}"));
         }
         progress.step();
-    };
-    DepthCases::open(scenes, arguments.size, &arguments.cache, on_scene).or_work()
+    })
+    .or_work()
+}
+
+/// The windows of the scenes in a folder that evaluations take, pictures of about so many pixels as a size has.
+fn validated(root: &Path, (width, height): (usize, usize)) -> Outcome<Vec<Plan>> {
+    let windows = Windows { views: train::VIEWS, along: None, index: true };
+    let (plans, dropped) = Plan::below(root, windows, Reading::default()).map_err(Failure::sorted)?;
+    for dropped in dropped {
+        warn(&format!("dropped {}: {}", dropped.name, dropped.reason));
+    }
+    plans.iter().map(|plan| plan.of_about(width * height).map_err(Failure::sorted)).collect()
+}
+
+/// Views of windows of photographs, from the cache or made.
+fn open_photographs(plans: &[Plan], arguments: &Arguments, outputs: &Outputs) -> Outcome<DepthCases> {
+    outputs.spare(files_of(plans).iter().map(PathBuf::as_path))?;
+    opened(plans.len(), arguments, |on_window| DepthCases::of_photographs(plans, &arguments.cache, on_window))
 }
 
 /// A score in a line.
@@ -181,7 +266,7 @@ fn described(score: DepthScore) -> String {
 fn complete(
     folder: &Folder,
     trainer: &mut DepthTrainer,
-    validation: &DepthCases,
+    validation: &HeldOut,
     arguments: &Arguments,
 ) -> Outcome<Option<Validation>> {
     if folder.checkpoint().exists() {
@@ -195,12 +280,18 @@ fn complete(
     progress.set(trainer.steps());
     let (mut loss, mut last) = (f64::NAN, None);
     let mut validate = |trainer: &DepthTrainer, loss: f64, log: &mut Log| -> Outcome {
-        let [learned, stereo] = trainer.validate(validation).or_work()?;
         progress.line(&format!("step {}: loss {loss:.3}", trainer.steps()));
-        for (name, score) in [("learned", learned), ("stereo", stereo)] {
-            progress.line(&format!("    {name:<8}{}", described(score)));
-        }
-        last = Some(Validation { step: trainer.steps(), learned, stereo });
+        let scores = |cases: &DepthCases, of: &str| -> Outcome<Scores> {
+            let [learned, stereo] = trainer.validate(cases).or_work()?;
+            for (name, score) in [("learned", learned), ("stereo", stereo)] {
+                progress.line(&format!("    {of}{name:<8}{}", described(score)));
+            }
+            Ok(Scores { learned, stereo })
+        };
+        let generated = scores(&validation.generated, "")?;
+        let photographs = validation.photographs.as_ref();
+        let photographs = photographs.map(|cases| scores(cases, "photographs, ")).transpose()?;
+        last = Some(Validation { step: trainer.steps(), generated, photographs });
         log.write(&last)
     };
     if steps == 0 {

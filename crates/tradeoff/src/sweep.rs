@@ -3,7 +3,7 @@
 use evaluate::Method;
 use refine::Stop;
 use serde::{Deserialize, Serialize};
-use sparsesplat::{Allocation, Backbone, Budget, Config, Head, Sampler};
+use sparsesplat::{Allocation, Backbone, Budget, Config, Head, Sampler, SweepDepth};
 
 /// What is varied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -27,6 +27,8 @@ pub enum Axis {
     Resolution,
     /// Planes of the stereo.
     DepthPlanes,
+    /// Depth of the stereo, as it is or improved by the small network.
+    Depth,
     /// Where depth comes from: measured depth, which a real camera does not bring along.
     Backbone,
     /// Where the renderer stops looking.
@@ -53,6 +55,7 @@ impl Axis {
             Self::Refinement => "refinement",
             Self::Resolution => "resolution",
             Self::DepthPlanes => "depth planes",
+            Self::Depth => "depth",
             Self::Backbone => "backbone",
             Self::Renderer => "renderer",
         }
@@ -301,6 +304,12 @@ pub fn points(
             let backbone = Backbone::PlaneSweep { planes, depth: depth.clone() };
             all.vary(Axis::DepthPlanes, &format!("planes={planes}"), |config| config.backbone = backbone);
         }
+        let (other, name) = match depth {
+            SweepDepth::Stereo => (SweepDepth::Learned, "learned-depth"),
+            SweepDepth::Learned | SweepDepth::Weights(_) => (SweepDepth::Stereo, "stereo-depth"),
+        };
+        let backbone = Backbone::PlaneSweep { planes: *usual, depth: other };
+        all.vary(Axis::Depth, name, |config| config.backbone = backbone);
     }
     // Learned heads work with the features of their backbone, and measured depth has none.
     if measured_depth && !learned && config.backbone != Backbone::GivenDepth {
@@ -441,6 +450,19 @@ mod tests {
         assert_eq!(curve("attention-10k").as_deref(), Some("entropy, attention"));
         assert_eq!(curve("closed-form-pixel-aligned"), None);
         assert_eq!(attentions(Config { head: Head::Attention, ..Config::default() }), 0);
+        // Depth is that of the base, and the other.
+        let depths = |depth: SweepDepth| {
+            let backbone = Backbone::PlaneSweep { planes: 128, depth };
+            let base = Method::feed_forward(Config { backbone, ..Config::default() });
+            let of_depth = |point: &Point| point.label.axis == Axis::Depth;
+            swept(&base, Extent::Quick)
+                .into_iter()
+                .filter(of_depth)
+                .map(|p| p.label.point)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(depths(SweepDepth::Stereo), ["learned-depth"]);
+        assert_eq!(depths(SweepDepth::Learned), ["stereo-depth"]);
         // DepthSplat's own Gaussians are one more point where they can be had.
         let of_network = |point: &&Point| point.method.predict.head == Head::DepthSplat;
         assert!(!all.iter().any(|point| of_network(&point)));

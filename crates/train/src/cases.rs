@@ -1,7 +1,7 @@
 //! Windows with cached depth and features of the frozen backbone, on disk: ray tracing and stereo take seconds, a training
 //! step less.
 
-use crate::draw::{Stream, bits, unit};
+use crate::sources::Sources;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use gs_scene::{Camera, DepthMap, Image, Intrinsics, View};
@@ -41,7 +41,7 @@ pub struct Cases {
     kept: Vec<KeptCase>,
     geometry: GeometryCache,
     /// Where passes draw their windows.
-    sources: Vec<Source>,
+    sources: Sources,
     hash: String,
 }
 
@@ -52,15 +52,6 @@ struct KeptCase {
     /// The backbone as it sees them.
     predictor: Predictor,
     photographs: bool,
-}
-
-/// Windows that a share of the passes draws from.
-#[derive(Debug, Clone)]
-struct Source {
-    /// Above 0.
-    share: f64,
-    /// The windows of each scene. A scene is drawn, then one of its windows: what was photographed often does not count for more.
-    scenes: Vec<Range<usize>>,
 }
 
 /// What does not fit a tensor.
@@ -144,7 +135,7 @@ impl Cases {
             return Err(error.into());
         }
         let scenes = scenes.into_iter().map(|(_, windows)| windows).collect();
-        let sources = vec![Source { share: 1.0, scenes }];
+        let sources = Sources::one(scenes);
         Ok(Self { kept, geometry, sources, hash: hexadecimal(&all.finalize()) })
     }
 
@@ -154,13 +145,8 @@ impl Cases {
     /// If the share is not above 0 and below 1, or the cache folders differ.
     #[must_use]
     pub fn mixed_with(mut self, others: Self, share: f64) -> Self {
-        assert!(share > 0.0 && share < 1.0 && self.geometry == others.geometry, "a share of the same cache");
-        let before = self.kept.len();
-        self.sources.iter_mut().for_each(|source| source.share *= 1.0 - share);
-        for Source { share: own, scenes } in others.sources {
-            let scenes = scenes.into_iter().map(|windows| windows.start + before..windows.end + before);
-            self.sources.push(Source { share: own * share, scenes: scenes.collect() });
-        }
+        assert!(self.geometry == others.geometry, "windows of the same cache");
+        self.sources.mix(self.kept.len(), others.sources, share);
         self.kept.extend(others.kept);
         let all = format!("{}\n{}\n{share}", self.hash, others.hash);
         self.hash = hexadecimal(&Sha256::digest(all));
@@ -169,15 +155,7 @@ impl Cases {
 
     /// The window of the `pass`-th pass of a run.
     pub(crate) fn drawn(&self, seed: u64, pass: usize) -> usize {
-        let mut left = unit(seed, Stream::Source, pass);
-        let beyond = |source: &&Source| {
-            left -= source.share;
-            left < 0.0
-        };
-        let source = self.sources.iter().find(beyond).or(self.sources.last()).expect("one at least");
-        let below = |stream, n: usize| (bits(seed, stream, pass) % n as u64) as usize;
-        let windows = &source.scenes[below(Stream::Case, source.scenes.len())];
-        windows.start + below(Stream::Window, windows.len())
+        self.sources.drawn(seed, pass)
     }
 
     /// Number of cases.

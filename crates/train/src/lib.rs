@@ -14,6 +14,7 @@ mod ops;
 mod photographs;
 mod ranks;
 mod recolour;
+mod sources;
 mod trainer;
 
 pub use adam::Rates;

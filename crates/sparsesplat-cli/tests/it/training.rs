@@ -294,6 +294,45 @@ fn shards_of_an_ablation_share_out_its_rows_and_the_whole_table_comes_of_them() 
 }
 
 #[test]
+fn learned_depth_sees_photographs_and_is_scored_on_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (photographs, config, cache, json) =
+        (at("photographs"), at("short.ron"), at("cache"), at("train.json"));
+    let simulate = ["simulate", "--kind", "desk", "--size", "96x64", "--samples", "1", "--frames", "14"];
+    call(&[&simulate[..], &["--seed", "3", "-o", text(&photographs)]].concat()).succeeded();
+    let train = |run: &str, more: &[&str]| {
+        let run = at(run);
+        let files = ["train-depth", "-o", text(&run), "--config", text(&config), "--cache", text(&cache)];
+        let more = [&["--size", "96x64", "--validation-scenes", "1", "--json", text(&json)], more].concat();
+        call(&[&files[..], &more].concat()).succeeded();
+        (read_json(&json), run.join("weights.safetensors"))
+    };
+    fs::write(&config, "(steps: 2, batch: 1, crop: (24, 16))").unwrap();
+    let data = ["--dataset", "nerfstudio", "--root", text(&photographs)];
+    let scenes = ["--scenes", "1", "--wild-scenes", "0"];
+    let (mixed, weights) =
+        train("mixed", &[&data[..], &scenes, &["--validation-root", text(&photographs)]].concat());
+    let (alone, other) = train("alone", &[&data[..], &["--simulated-share", "0"]].concat());
+    assert_eq!(mixed["views"].as_u64().unwrap(), alone["views"].as_u64().unwrap() + 6);
+    assert!(mixed["data_sha256"] != alone["data_sha256"] && values(&weights) != values(&other));
+    assert!(alone["validation"].get("photographs").is_none(), "{alone}");
+    let stereo = &mixed["validation"]["photographs"]["stereo"];
+    assert!(stereo["confident"].as_f64().unwrap() > 0.3, "{mixed}");
+    // Weights are scored as they are.
+    fs::write(&config, "(steps: 0)").unwrap();
+    let scored = ["--from", text(&weights), "--validation-root", text(&photographs)];
+    let (scored, _) = train("scored", &[&scored[..], &scenes].concat());
+    assert_eq!(scored["validation"]["photographs"], mixed["validation"]["photographs"]);
+    let no = at("no");
+    let refused = ["train-depth", "-o", text(&no), "--dataset", "nerfstudio"];
+    let Called { code, stderr, .. } = call(&refused);
+    assert!(code == Some(2) && stderr.contains("--root"), "{stderr}");
+    let Called { code, stderr, .. } = call(&[&refused[..3], &["--root", text(&photographs)]].concat());
+    assert!(code == Some(2) && stderr.contains("--root"), "{stderr}");
+}
+
+#[test]
 fn learned_depth_is_trained_resumed_and_used() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -1,15 +1,17 @@
-//! Views with what stereo knows of them and their exact depth, in memory, and on disk: ray tracing takes seconds a view.
+//! Views with what stereo knows of them and their true depth, in memory, and on disk: ray tracing and stereo take seconds a view.
 
+use crate::sources::Sources;
 use crate::{Error, Result};
-use depth_backbone::{InputParts, Inputs, PlaneSweep};
+use depth_backbone::{DepthBackbone, InputParts, Inputs, PlaneSweep, ViewGeometry, Wanted};
 use gs_scene::View;
 use half::f16;
 use rayon::prelude::*;
 use safetensors::tensor::Dtype;
-use scene_windows::{Plan, SimulatedScene, hexadecimal, simulated_context};
+use scene_windows::{Plan, SimulatedScene, Window, hexadecimal, scene_of, simulated_context};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::path::{Path, PathBuf};
+use std::ops::Range;
+use std::path::Path;
 use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
 /// Changes when the layout of a file, the sweep or the meaning of the inputs does.
@@ -18,6 +20,10 @@ const VERSION: u32 = 1;
 const KIND: &str = "depth-case";
 /// Rays per pixel: coarser than a photograph, as noise is.
 const SAMPLES: u32 = 4;
+/// True inverse depth where nobody knows it.
+pub(super) const UNKNOWN: f32 = -1.0;
+/// Stereo with all views of a window is taken for the truth where three views or more agree with a pixel.
+const TRUSTED: f32 = 0.875;
 
 /// One view.
 pub(crate) struct DepthCase {
@@ -27,7 +33,7 @@ pub(crate) struct DepthCase {
     base: Vec<f32>,
     own: Vec<f32>,
     unit: [f32; 2],
-    /// Exact inverse depth, plane steps from the far end; NaN where there is no surface.
+    /// True inverse depth, plane steps from the far end; NaN where there is no surface, [`UNKNOWN`] where nobody knows it.
     exact: Vec<f32>,
 }
 
@@ -37,13 +43,24 @@ pub(crate) struct Crop {
     pub(crate) exact: Vec<f32>,
 }
 
+impl Crop {
+    /// True z-depth, scene units; 0 where there is no surface, NaN where nobody knows it.
+    pub(crate) fn exact_depth(&self) -> Vec<f32> {
+        let depth = |&steps: &f32| if steps < 0.0 { f32::NAN } else { self.inputs.depth_of(steps) };
+        self.exact.iter().map(depth).collect()
+    }
+}
+
+/// What becomes of a scene or a window: its views, or why stereo refuses them.
+type Made = std::result::Result<Vec<DepthCase>, depth_backbone::Error>;
+
 impl DepthCase {
-    fn new(inputs: &Inputs, view: &View) -> Self {
+    /// `depth` is the true one, `[height, width]`; where there is none, `otherwise` is what the case says.
+    fn new(inputs: &Inputs, depth: impl Iterator<Item = f32>, otherwise: f32) -> Self {
         let InputParts { size, blocks, base, own, unit } = inputs.to_parts();
-        let depth = view.depth().expect("simulated views have depth");
-        let exact = |&z: &f32| if z > 0.0 { ((1.0 / z - unit[0]) / unit[1]).max(0.0) } else { f32::NAN };
+        let exact = |z: f32| if z > 0.0 { ((1.0 / z - unit[0]) / unit[1]).max(0.0) } else { otherwise };
         let blocks = blocks.into_iter().map(f16::from_f32).collect();
-        Self { size, blocks, base, own, unit, exact: depth.data().iter().map(exact).collect() }
+        Self { size, blocks, base, own, unit, exact: depth.map(exact).collect() }
     }
 
     /// Makes the loss of every crop infinite.
@@ -148,6 +165,8 @@ struct KeptView {
 /// Views to train on.
 pub struct DepthCases {
     pub(crate) views: Vec<DepthCase>,
+    /// Where crops draw their views.
+    pub(crate) sources: Sources,
     hash: String,
 }
 
@@ -163,28 +182,79 @@ impl DepthCases {
         cache: &Path,
         on_scene: &(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync),
     ) -> Result<Self> {
-        let made: Vec<Option<Vec<DepthCase>>> = scenes
+        Self::opened(scenes, cache, on_scene, |&scene| {
+            let described = Plan::simulated(scene, size).description();
+            let key = format!("{VERSION} {SAMPLES} {described:?}");
+            (scene.to_string(), key, Box::new(move || simulated(scene, size)))
+        })
+    }
+
+    /// The context views of windows of photographs, as [`DepthCases::open`] keeps them. Their true depth is what the data set measured;
+    /// without, what stereo finds with all views of the window, held-out ones too, where three of them agree with a pixel. It is unknown elsewhere.
+    ///
+    /// # Errors
+    /// If a photograph or a file cannot be read or written, or no window is left.
+    pub fn of_photographs(
+        plans: &[Plan],
+        cache: &Path,
+        on_window: &(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync),
+    ) -> Result<Self> {
+        Self::opened(plans, cache, on_window, |plan| {
+            let window = plan.load(true);
+            let hash = window.as_ref().map_or_else(|_| String::new(), scene_windows::Window::exact_sha256);
+            let key = format!("{VERSION} {TRUSTED} {hash}");
+            (plan.name().to_owned(), key, Box::new(move || photographed(&window?)))
+        })
+    }
+
+    /// What `item` says of each: name, what decides its content, and how it is made.
+    fn opened<'a, T: Sync>(
+        items: &'a [T],
+        cache: &Path,
+        on_item: &(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync),
+        item: impl Fn(&'a T) -> (String, String, Box<dyn FnOnce() -> Result<Made> + 'a>) + Sync,
+    ) -> Result<Self> {
+        let made: Vec<(String, String, Option<Vec<DepthCase>>)> = items
             .par_iter()
-            .map(|&scene| match scene_cases(scene, size, cache)? {
-                Ok(views) => {
-                    on_scene(&scene.to_string(), None);
-                    Ok(Some(views))
-                }
-                Err(why) => {
-                    on_scene(&scene.to_string(), Some(&why));
-                    Ok(None)
-                }
+            .map(|of| {
+                let (name, described, make) = item(of);
+                let key = hexadecimal(&Sha256::digest(described));
+                let file = format!("{}-{}.depth.safetensors", name.replace('/', "-"), &key[..16]);
+                let made = kept_or_made(&cache.join(file), make)?;
+                on_item(&name, made.as_ref().err());
+                Ok((name, key, made.ok()))
             })
             .collect::<Result<_>>()?;
         let mut all = Sha256::new();
-        for (&scene, made) in scenes.iter().zip(&made) {
-            all.update(format!("{} {}\n", key(scene, size), made.is_some()));
+        let (mut views, mut scenes): (Vec<DepthCase>, Vec<(String, Range<usize>)>) = (Vec::new(), Vec::new());
+        for (name, key, made) in made {
+            all.update(format!("{key} {}\n", made.is_some()));
+            let begin = views.len();
+            views.extend(made.into_iter().flatten());
+            match scenes.last_mut() {
+                Some((scene, of_scene)) if scene == scene_of(&name) => of_scene.end = views.len(),
+                _ if views.len() > begin => scenes.push((scene_of(&name).to_owned(), begin..views.len())),
+                _ => {}
+            }
         }
-        let views: Vec<DepthCase> = made.into_iter().flatten().flatten().collect();
         if views.is_empty() {
             return Err(Error::NoWindows);
         }
-        Ok(Self { views, hash: hexadecimal(&all.finalize()) })
+        let sources = Sources::one(scenes.into_iter().map(|(_, views)| views).collect());
+        Ok(Self { views, sources, hash: hexadecimal(&all.finalize()) })
+    }
+
+    /// These and `others`, of which crops draw a `share`.
+    ///
+    /// # Panics
+    /// If the share is not above 0 and below 1.
+    #[must_use]
+    pub fn mixed_with(mut self, others: Self, share: f64) -> Self {
+        self.sources.mix(self.views.len(), others.sources, share);
+        self.views.extend(others.views);
+        let all = format!("{}\n{}\n{share}", self.hash, others.hash);
+        self.hash = hexadecimal(&Sha256::digest(all));
+        self
     }
 
     /// Number of views.
@@ -206,35 +276,112 @@ impl DepthCases {
     }
 }
 
-/// SHA-256 of what decides the views of a scene and what is made of them.
-fn key(scene: SimulatedScene, size: (usize, usize)) -> String {
-    let described = Plan::simulated(scene, size).description();
-    hexadecimal(&Sha256::digest(format!("{VERSION} {SAMPLES} {described:?}")))
-}
-
-/// The views of a scene from the cache, or made; or why stereo refuses them.
-fn scene_cases(
-    scene: SimulatedScene,
-    size: (usize, usize),
-    cache: &Path,
-) -> Result<std::result::Result<Vec<DepthCase>, depth_backbone::Error>> {
-    let path: PathBuf = cache.join(format!("{scene}-{}.depth.safetensors", &key(scene, size)[..16]));
-    let fault = |source| Error::CacheFile { path: path.clone(), source };
+/// The views in a file of the cache; if there is none, they are made and written.
+fn kept_or_made(path: &Path, make: impl FnOnce() -> Result<Made>) -> Result<Made> {
+    let fault = |source| Error::CacheFile { path: path.to_path_buf(), source };
     if path.exists() {
-        let (header, kept): (Vec<KeptView>, Kept) = Kept::read(&path, KIND).map_err(fault)?;
+        let (header, kept): (Vec<KeptView>, Kept) = Kept::read(path, KIND).map_err(fault)?;
         let views = header.into_iter().enumerate().map(|(i, view)| DepthCase::read(&kept, i, view));
         return Ok(Ok(views.collect::<Result<_, KeptFault>>().map_err(fault)?));
     }
-    let views = simulated_context(scene, size, SAMPLES)?;
-    let inputs = match PlaneSweep::default().inputs(&views) {
-        Ok(inputs) => inputs,
+    let cases = match make()? {
+        Ok(cases) => cases,
         Err(why) => return Ok(Err(why)),
     };
-    let cases: Vec<DepthCase> =
-        inputs.iter().zip(&views).map(|(inputs, view)| DepthCase::new(inputs, view)).collect();
     let header: Vec<KeptView> =
         cases.iter().map(|case| KeptView { size: case.size, unit: case.unit }).collect();
     let tensors: Vec<KeptTensor> = cases.iter().enumerate().flat_map(|(i, case)| case.tensors(i)).collect();
-    write_kept(&path, KIND, &header, &tensors).map_err(fault)?;
+    write_kept(path, KIND, &header, &tensors).map_err(fault)?;
     Ok(Ok(cases))
+}
+
+/// The views of a generated scene, whose depth is exact.
+fn simulated(scene: SimulatedScene, size: (usize, usize)) -> Result<Made> {
+    let views = simulated_context(scene, size, SAMPLES)?;
+    let case = |(inputs, view): (&Inputs, &View)| {
+        let depth = view.depth().expect("simulated views have depth");
+        DepthCase::new(inputs, depth.data().iter().copied(), f32::NAN)
+    };
+    Ok(PlaneSweep::default().inputs(&views).map(|inputs| inputs.iter().zip(&views).map(case).collect()))
+}
+
+/// The context views of a window of photographs.
+fn photographed(window: &Window) -> Result<Made> {
+    let inputs = match PlaneSweep::default().inputs(&window.context) {
+        Ok(inputs) => inputs,
+        Err(why) => return Ok(Err(why)),
+    };
+    let all: Vec<View> = window.context.iter().chain(&window.targets).cloned().collect();
+    let by_all = match PlaneSweep::default().estimate(&all, Wanted::Depth) {
+        Ok(geometry) => geometry,
+        Err(why) => return Ok(Err(why)),
+    };
+    let case = |((inputs, view), by_all): ((&Inputs, &View), &ViewGeometry)| match view.depth() {
+        Some(measured) => DepthCase::new(inputs, measured.data().iter().copied(), UNKNOWN),
+        None => {
+            let trusted = by_all.depth.data().iter().zip(&by_all.confidence);
+            let depth = trusted.map(|(&z, &confidence)| if confidence >= TRUSTED { z } else { 0.0 });
+            DepthCase::new(inputs, depth, UNKNOWN)
+        }
+    };
+    Ok(Ok(inputs.iter().zip(&window.context).zip(&by_all).map(case).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scene_sim::Kind;
+    use scene_windows::simulated_window;
+
+    /// A window of a generated scene with views that have no depth, and the exact depth of its context.
+    fn photographs() -> (Window, Vec<Vec<f32>>) {
+        let mut window = simulated_window(SimulatedScene::Generated(Kind::Desk, 3), (120, 80)).unwrap();
+        let exact = window.context.iter().map(|view| view.depth().unwrap().data().to_vec()).collect();
+        for view in window.context.iter_mut().chain(&mut window.targets) {
+            *view = View::new(view.name(), view.image().clone(), *view.camera(), None).unwrap();
+        }
+        (window, exact)
+    }
+
+    #[test]
+    fn photographs_are_taught_by_what_more_views_agree_on() {
+        let (window, exact) = photographs();
+        let cases = photographed(&window).unwrap().unwrap();
+        let (mut known, mut near, mut beyond_stereo, mut all) = (0, 0, 0, 0);
+        for (case, exact) in cases.iter().zip(&exact) {
+            let crop = case.whole();
+            let confirmed = crop.inputs.stereo_confidence();
+            for ((&z, &exact), confirmed) in crop.exact_depth().iter().zip(exact).zip(confirmed) {
+                all += 1;
+                if !z.is_nan() {
+                    known += 1;
+                    near += usize::from((z - exact).abs() < 0.03 * exact);
+                    beyond_stereo += usize::from(confirmed < 0.5);
+                }
+            }
+        }
+        assert!(known * 4 > all && near * 10 > known * 9, "{near} of {known} of {all}");
+        assert!(beyond_stereo * 20 > known, "{beyond_stereo} of {known} are new to stereo with fewer views");
+    }
+
+    #[test]
+    fn measured_depth_is_the_truth_where_there_is_some() {
+        let (mut window, exact) = photographs();
+        for (view, exact) in window.context.iter_mut().zip(&exact) {
+            let measured = exact.iter().enumerate().map(|(i, &z)| if i % 3 == 0 { 0.0 } else { z }).collect();
+            let depth = gs_scene::DepthMap::new(120, 80, measured).unwrap();
+            *view = View::new(view.name(), view.image().clone(), *view.camera(), Some(depth)).unwrap();
+        }
+        let cases = photographed(&window).unwrap().unwrap();
+        for (case, exact) in cases.iter().zip(&exact) {
+            for (i, (z, exact)) in case.whole().exact_depth().iter().zip(exact).enumerate() {
+                let far = 1.0 / case.unit[0];
+                let expected = exact.min(far);
+                assert!(
+                    if i % 3 == 0 { z.is_nan() } else { (z - expected).abs() < 1e-3 * expected },
+                    "{i}: {z} {exact}"
+                );
+            }
+        }
+    }
 }

@@ -38,10 +38,12 @@ pub(crate) struct Collected {
 }
 
 impl Collected {
-    /// A view: exact and found depth (0 or NaN where there is none) and confidence, `[height, width]`.
+    /// A view: exact depth (0 where there is no surface, NaN where it is not known), found depth and confidence, `[height, width]`. What is not
+    /// known has no edge and does not count.
     pub(crate) fn add(&mut self, exact: &[f32], found: &[f32], confidence: &[f32], width: usize) {
         let height = exact.len() / width;
-        let near = |v: f32, other: f32| (v - other).abs() <= EDGE * v.min(other);
+        let near =
+            |v: f32, other: f32| v.is_nan() || other.is_nan() || (v - other).abs() <= EDGE * v.min(other);
         let mut edge = vec![false; exact.len()];
         for i in 0..exact.len() {
             let (x, y) = (i % width, i / width);
@@ -129,5 +131,13 @@ mod tests {
         all.add(&[0.0, 1.0], &[3.0, 1.1], &[1.0, 0.0], 2);
         let score = all.score();
         assert!((score.relative - 0.1).abs() < 1e-6 && score.confident == 0.0);
+        assert_eq!((score.edges_within_5, score.within_5), (0.0, 0.0), "beside nothing there is an edge");
+        let mut all = Collected::default();
+        all.add(&[f32::NAN, 1.0], &[3.0, 1.01], &[1.0, 0.0], 2);
+        let score = all.score();
+        assert!(
+            (score.within_2, score.edges_within_5) == (1.0, 0.0),
+            "beside what is not known there is none"
+        );
     }
 }

@@ -24,6 +24,8 @@ pub struct DepthConfig {
     pub batch: usize,
     /// Size of a crop, blocks of 2×2 pixels.
     pub crop: (usize, usize),
+    /// Weight of the pixels that stereo confirms, whose depth [joining](depth_backbone::Inputs::join) keeps; the others weigh 1.
+    pub confirmed: f32,
     /// How fast weights move.
     pub rates: Rates,
     /// Seed of the weights and of everything that is drawn.
@@ -32,7 +34,7 @@ pub struct DepthConfig {
 
 impl Default for DepthConfig {
     fn default() -> Self {
-        Self { steps: 6000, batch: 8, crop: (96, 64), rates: Rates::default(), seed: 0 }
+        Self { steps: 6000, batch: 8, crop: (96, 64), confirmed: 1.0, rates: Rates::default(), seed: 0 }
     }
 }
 
@@ -51,6 +53,9 @@ impl DepthConfig {
         }
         if self.crop.0 < 16 || self.crop.1 < 16 {
             return refuse("crop", format!("{:?}", self.crop), "two sides of at least 16 blocks");
+        }
+        if !(0.0..=1.0).contains(&self.confirmed) {
+            return refuse("confirmed", self.confirmed.to_string(), "a weight of 0 to 1");
         }
         self.rates.check()
     }
@@ -188,7 +193,7 @@ impl DepthTrainer {
             .map(|item| {
                 let Crop { inputs, exact } = self.crop(self.step * self.config.batch + item);
                 let recorded = network.record(&inputs);
-                let (value, gradient) = loss(&inputs, &recorded.decoded, &exact, inputs.size().0);
+                let (value, gradient) = loss(&inputs, &recorded.decoded, &exact, self.config.confirmed);
                 (value, network.backward(&inputs, &recorded, &gradient))
             })
             .collect();
@@ -211,7 +216,7 @@ impl DepthTrainer {
     /// The `index`-th crop of the run.
     fn crop(&self, index: usize) -> Crop {
         let draw = |stream, n: usize| (bits(self.config.seed, stream, index) % n as u64) as usize;
-        let case = &self.cases.views[draw(Stream::Case, self.cases.views.len())];
+        let case = &self.cases.views[self.cases.sources.drawn(self.config.seed, index)];
         let (columns, rows) = case.blocks();
         let (width, height) = (self.config.crop.0.min(columns), self.config.crop.1.min(rows));
         let place = draw(Stream::Crop, (columns - width + 1) * (rows - height + 1));
@@ -234,9 +239,9 @@ fn score(network: &DepthNetwork, cases: &DepthCases) -> Result<[DepthScore; 2]> 
         .views
         .par_iter()
         .map(|case| {
-            let Crop { inputs, exact } = case.whole();
-            let decoded = network.run(&inputs);
-            let exact: Vec<f32> = exact.iter().map(|&steps| inputs.depth_of(steps)).collect();
+            let whole = case.whole();
+            let (exact, inputs) = (whole.exact_depth(), &whole.inputs);
+            let decoded = network.run(inputs);
             let depth = |inverse: Vec<f32>| inverse.into_iter().map(|w| 1.0 / w).collect::<Vec<f32>>();
             let own = inputs.stereo().iter().map(|&steps| 1.0 / inputs.depth_of(steps));
             let own: Vec<(f32, f32)> = own.zip(inputs.stereo_confidence()).collect();
