@@ -23,15 +23,14 @@ use std::time::Instant;
 /// Train the network that improves stereo's depth
 ///
 /// Generated scenes are ray-traced and matched once; --cache keeps the results. Each step draws crops of their views and compares the
-/// network's depth with the exact one. With --dataset it sees photographs, too: their depth is what the data set measured, or what stereo finds
-/// with more views than the network sees. --output receives checkpoint.safetensors (for --resume), weights.safetensors (for --depth of the
+/// network's depth with the exact one. With --dataset it sees photographs with measured depth, too. --output receives checkpoint.safetensors (for --resume), weights.safetensors (for --depth of the
 /// other commands) and log.jsonl.
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat train-depth -o run\n  \
     sparsesplat train-depth -o run --resume                  resumes after an interruption, bit for bit\n  \
     sparsesplat train-depth -o run --dataset nerfstudio --root photographs --validation-root others\n  \
-    \x20                                                         half of the crops are of photographs\n  \
+    \x20                                                         half of the crops are of photographs with measured depth\n  \
     sparsesplat train-depth -o score --config none.ron --from run/weights.safetensors --validation-root PHOTOS\n  \
     \x20                                                         scores weights; none.ron is (steps: 0)\n  \
     sparsesplat reconstruct PHOTOS --depth run/weights.safetensors -o scene.ply\n\n\
@@ -49,7 +48,7 @@ pub(crate) struct Arguments {
     /// Print all settings and stop
     #[arg(long)]
     print_config: bool,
-    /// Data set to train on beside generated scenes, or the layout of your own data
+    /// Data set with measured depth to train on beside generated scenes, or the layout of your own data
     #[arg(long, value_enum, default_value = "simulated")]
     dataset: Dataset,
     /// Folder of one scene, or of several scenes, of --dataset
@@ -70,7 +69,7 @@ pub(crate) struct Arguments {
     /// Number of generated scenes for validation, seeds 500, 501, ...; half of them in the wild
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 12, hide_short_help = true)]
     validation_scenes: usize,
-    /// Folder of scenes that are validated as well, such as photographs that are not trained on; the layout is recognised
+    /// Folder of scenes with measured depth that are validated as well; the layout is recognised
     #[arg(long, value_name = "DIR")]
     validation_root: Option<PathBuf>,
     /// Size of the pictures; photographs keep their shape and are scaled down to about as many pixels

@@ -24,6 +24,14 @@ pub enum Error {
         /// Its name.
         window: String,
     },
+    /// A photograph without the depth that is to be learned.
+    #[error("{window}: {view} has no measured depth, and depth is learned from measured depth")]
+    NoMeasuredDepth {
+        /// The window.
+        window: String,
+        /// Name of the photograph.
+        view: String,
+    },
     /// A file of the cache cannot be used.
     #[error("{}: this file of the cache cannot be used: remove it, it is made again", path.display())]
     CacheFile {

@@ -2,8 +2,8 @@
 
 use crate::sources::Sources;
 use crate::{Error, Result};
-use depth_backbone::{DepthBackbone, InputParts, Inputs, PlaneSweep, ViewGeometry, Wanted};
-use gs_scene::View;
+use depth_backbone::{InputParts, Inputs, PlaneSweep};
+use gs_scene::{DepthMap, View};
 use half::f16;
 use rayon::prelude::*;
 use safetensors::tensor::Dtype;
@@ -22,8 +22,6 @@ const KIND: &str = "depth-case";
 const SAMPLES: u32 = 4;
 /// True inverse depth where nobody knows it.
 pub(super) const UNKNOWN: f32 = -1.0;
-/// Stereo with all views of a window is taken for the truth where three views or more agree with a pixel.
-const TRUSTED: f32 = 0.875;
 
 /// One view.
 pub(crate) struct DepthCase {
@@ -189,20 +187,20 @@ impl DepthCases {
         })
     }
 
-    /// The context views of windows of photographs, as [`DepthCases::open`] keeps them. Their true depth is what the data set measured;
-    /// without, what stereo finds with all views of the window, held-out ones too, where three of them agree with a pixel. It is unknown elsewhere.
+    /// The context views of windows of photographs with measured depth, as [`DepthCases::open`] keeps them. Where nothing was measured, the true
+    /// depth is unknown.
     ///
     /// # Errors
-    /// If a photograph or a file cannot be read or written, or no window is left.
+    /// If a photograph or a file cannot be read or written, a view has no measured depth, or no window is left.
     pub fn of_photographs(
         plans: &[Plan],
         cache: &Path,
         on_window: &(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync),
     ) -> Result<Self> {
         Self::opened(plans, cache, on_window, |plan| {
-            let window = plan.load(true);
-            let hash = window.as_ref().map_or_else(|_| String::new(), scene_windows::Window::exact_sha256);
-            let key = format!("{VERSION} {TRUSTED} {hash}");
+            let window = plan.load(false);
+            let hash = window.as_ref().map_or_else(|_| String::new(), Window::exact_sha256);
+            let key = format!("{VERSION} {hash}");
             (plan.name().to_owned(), key, Box::new(move || photographed(&window?)))
         })
     }
@@ -305,26 +303,22 @@ fn simulated(scene: SimulatedScene, size: (usize, usize)) -> Result<Made> {
     Ok(PlaneSweep::default().inputs(&views).map(|inputs| inputs.iter().zip(&views).map(case).collect()))
 }
 
-/// The context views of a window of photographs.
+/// The context views of a window of photographs, whose depth is measured.
 fn photographed(window: &Window) -> Result<Made> {
-    let inputs = match PlaneSweep::default().inputs(&window.context) {
-        Ok(inputs) => inputs,
-        Err(why) => return Ok(Err(why)),
-    };
-    let all: Vec<View> = window.context.iter().chain(&window.targets).cloned().collect();
-    let by_all = match PlaneSweep::default().estimate(&all, Wanted::Depth) {
-        Ok(geometry) => geometry,
-        Err(why) => return Ok(Err(why)),
-    };
-    let case = |((inputs, view), by_all): ((&Inputs, &View), &ViewGeometry)| match view.depth() {
-        Some(measured) => DepthCase::new(inputs, measured.data().iter().copied(), UNKNOWN),
-        None => {
-            let trusted = by_all.depth.data().iter().zip(&by_all.confidence);
-            let depth = trusted.map(|(&z, &confidence)| if confidence >= TRUSTED { z } else { 0.0 });
-            DepthCase::new(inputs, depth, UNKNOWN)
-        }
-    };
-    Ok(Ok(inputs.iter().zip(&window.context).zip(&by_all).map(case).collect()))
+    let measured: Vec<&[f32]> = window
+        .context
+        .iter()
+        .map(|view| {
+            let depth = view.depth().map(DepthMap::data);
+            depth.ok_or_else(|| Error::NoMeasuredDepth {
+                window: window.name.clone(),
+                view: view.name().into(),
+            })
+        })
+        .collect::<Result<_>>()?;
+    let case = |(inputs, depth): (&Inputs, &&[f32])| DepthCase::new(inputs, depth.iter().copied(), UNKNOWN);
+    let inputs = PlaneSweep::default().inputs(&window.context);
+    Ok(inputs.map(|inputs| inputs.iter().zip(&measured).map(case).collect()))
 }
 
 #[cfg(test)]
@@ -333,43 +327,14 @@ mod tests {
     use scene_sim::Kind;
     use scene_windows::simulated_window;
 
-    /// A window of a generated scene with views that have no depth, and the exact depth of its context.
-    fn photographs() -> (Window, Vec<Vec<f32>>) {
-        let mut window = simulated_window(SimulatedScene::Generated(Kind::Desk, 3), (120, 80)).unwrap();
-        let exact = window.context.iter().map(|view| view.depth().unwrap().data().to_vec()).collect();
-        for view in window.context.iter_mut().chain(&mut window.targets) {
-            *view = View::new(view.name(), view.image().clone(), *view.camera(), None).unwrap();
-        }
-        (window, exact)
-    }
-
-    #[test]
-    fn photographs_are_taught_by_what_more_views_agree_on() {
-        let (window, exact) = photographs();
-        let cases = photographed(&window).unwrap().unwrap();
-        let (mut known, mut near, mut beyond_stereo, mut all) = (0, 0, 0, 0);
-        for (case, exact) in cases.iter().zip(&exact) {
-            let crop = case.whole();
-            let confirmed = crop.inputs.stereo_confidence();
-            for ((&z, &exact), confirmed) in crop.exact_depth().iter().zip(exact).zip(confirmed) {
-                all += 1;
-                if !z.is_nan() {
-                    known += 1;
-                    near += usize::from((z - exact).abs() < 0.03 * exact);
-                    beyond_stereo += usize::from(confirmed < 0.5);
-                }
-            }
-        }
-        assert!(known * 4 > all && near * 10 > known * 9, "{near} of {known} of {all}");
-        assert!(beyond_stereo * 20 > known, "{beyond_stereo} of {known} are new to stereo with fewer views");
-    }
-
     #[test]
     fn measured_depth_is_the_truth_where_there_is_some() {
-        let (mut window, exact) = photographs();
+        let mut window = simulated_window(SimulatedScene::Generated(Kind::Desk, 3), (120, 80)).unwrap();
+        let exact: Vec<Vec<f32>> =
+            window.context.iter().map(|view| view.depth().unwrap().data().to_vec()).collect();
         for (view, exact) in window.context.iter_mut().zip(&exact) {
             let measured = exact.iter().enumerate().map(|(i, &z)| if i % 3 == 0 { 0.0 } else { z }).collect();
-            let depth = gs_scene::DepthMap::new(120, 80, measured).unwrap();
+            let depth = DepthMap::new(120, 80, measured).unwrap();
             *view = View::new(view.name(), view.image().clone(), *view.camera(), Some(depth)).unwrap();
         }
         let cases = photographed(&window).unwrap().unwrap();
@@ -383,5 +348,9 @@ mod tests {
                 );
             }
         }
+        let last = &mut window.context[5];
+        *last = View::new("last", last.image().clone(), *last.camera(), None).unwrap();
+        let Err(Error::NoMeasuredDepth { view, .. }) = photographed(&window) else { panic!("no error") };
+        assert_eq!(view, "last");
     }
 }
