@@ -153,28 +153,26 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         train::keep_apart(first..last, &held_out, "validated")?;
     }
     let output = arguments.output.as_deref().unwrap_or(Path::new("."));
-    let folder = Folder::begin(output, arguments.resume)?;
     if arguments.dataset == Dataset::Simulated || !simulates {
         arguments.dataset.refuse_without_effect(&common.given)?;
     }
-    let simulated =
-        if simulates { Some(open(&generated(first..middle, middle..last), arguments)?) } else { None };
+    // What is there to be read comes first: ray tracing takes minutes.
     let read = (arguments.dataset != Dataset::Simulated)
         .then(|| train::photographs(arguments.dataset, arguments.root.as_deref(), arguments.size))
-        .transpose()?
-        .map(|plans| open_photographs(&plans, arguments, outputs))
         .transpose()?;
+    let held_out_read =
+        arguments.validation_root.as_deref().map(|root| validated(root, arguments.size)).transpose()?;
+    let folder = Folder::begin(output, arguments.resume)?;
+    let read = read.map(|plans| open_photographs(&plans, arguments, outputs)).transpose()?;
+    let photographs = held_out_read.map(|plans| open_photographs(&plans, arguments, outputs)).transpose()?;
+    let simulated =
+        if simulates { Some(open(&generated(first..middle, middle..last), arguments)?) } else { None };
     let cases = match (read, simulated) {
         (Some(read), Some(simulated)) => read.mixed_with(simulated, arguments.simulated_share),
         (one, other) => one.or(other).expect("scenes are simulated where no photographs are read"),
     };
     let half = held_out.start + (held_out.end - held_out.start).div_ceil(2);
     let generated = open(&generated(held_out.start..half, half..held_out.end), arguments)?;
-    let photographs = arguments
-        .validation_root
-        .as_deref()
-        .map(|root| open_photographs(&validated(root, arguments.size)?, arguments, outputs))
-        .transpose()?;
     let validation = HeldOut { generated, photographs };
     print_line(&format!("views      {}, sha256 {}", cases.len(), cases.sha256()));
     let (views, data_sha256) = (cases.len(), cases.sha256().to_owned());
