@@ -1,7 +1,7 @@
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// How to refine. The defaults are those of our tables; how they were found is in docs/journal/2026-11-refinement.md.
+/// How to refine. The defaults are those of our tables; how they were found is in docs/journal/2026-11-looks.md.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
@@ -35,7 +35,7 @@ pub struct Config {
     /// Whether Gaussians that have become too transparent to be drawn are dropped. No rendering changes by
     /// it.
     pub prune: bool,
-    /// Stop early when ten rounds over all views, at their full size, are on the mean not better than the ten
+    /// Stop early when twenty rounds over all views, at their full size, are on the mean not better than the twenty
     /// before by this, dB on the context views; 0 never does.
     pub smallest_gain: f64,
     /// Seed of the order of the views.
@@ -47,11 +47,11 @@ impl Default for Config {
         Self {
             stop: Stop::Steps(60),
             views_per_step: 2,
-            coarse: 0.5,
+            coarse: 0.0,
             rates: Rates::default(),
             last_rate: 0.05,
-            momentum: 0.9,
-            damping: 5.0,
+            momentum: 0.7,
+            damping: 2.5,
             largest: 1.0,
             loss: Loss::default(),
             sh_degree: 0,
@@ -113,7 +113,7 @@ pub struct Loss {
 
 impl Default for Loss {
     fn default() -> Self {
-        Self { colour: ColourTerm::Mse, dssim: 0.02 }
+        Self { colour: ColourTerm::Mse, dssim: 0.06 }
     }
 }
 
@@ -136,7 +136,6 @@ impl Config {
         Self {
             stop: Stop::Steps(rounds.saturating_mul(views.div_ceil(VIEWS_PER_STEP))),
             views_per_step: VIEWS_PER_STEP,
-            coarse: 0.0,
             rates: Rates {
                 mean: 0.41,
                 rotation: 0.043,
@@ -147,7 +146,6 @@ impl Config {
             },
             last_rate: 0.45,
             momentum: 0.4,
-            damping: 2.5,
             loss: Loss { dssim: 0.08, ..Loss::default() },
             prune: false,
             smallest_gain: 0.0,

@@ -22,7 +22,7 @@ const LARGEST_GRADIENT: f32 = 1e15;
 /// PSNR that counts as perfect, dB.
 const BEST_PSNR: f64 = 100.0;
 /// Rounds over all views whose mean must be better than that of as many rounds before.
-const PATIENCE: usize = 10;
+const PATIENCE: usize = 20;
 
 /// Better Gaussians.
 #[derive(Debug, Clone)]

@@ -64,6 +64,9 @@ pub(crate) struct Pipeline {
     /// Drawing of pixels: fixed gives the exact count, bernoulli (the paper's) varies around it
     #[arg(long, value_enum, default_value = "fixed", hide_short_help = true)]
     pub(crate) sampler: SamplerName,
+    /// Factor, 0 to 1, of the probability of pixels whose depth no other view confirms; with 1 it is the paper's
+    #[arg(long, value_name = "WEIGHT", value_parser = weight, default_value_t = Config::default().filled_weight, hide_short_help = true)]
+    pub(crate) filled_weight: f32,
     /// Head, which makes the Gaussians
     #[arg(long, value_enum, default_value = "default")]
     pub(crate) head: HeadName,
@@ -220,6 +223,8 @@ impl AllocationName {
 
 /// Step size of cameras where they are moved, pixels.
 const POSE_RATE: f32 = 0.1;
+/// Share of the steps on pictures of half the size where cameras are moved: a pixel there is two.
+const POSE_COARSE: f32 = 0.5;
 
 impl Pipeline {
     /// Photographs to Gaussians, refinement included.
@@ -235,7 +240,9 @@ impl Pipeline {
         }
         let pose = if self.refine_poses { POSE_RATE } else { 0.0 };
         let rates = Rates { pose, ..Rates::default() };
-        let refine = stop.map(|stop| refine::Config { stop, seed, rates, ..refine::Config::default() });
+        let coarse = if self.refine_poses { POSE_COARSE } else { 0.0 };
+        let refine =
+            stop.map(|stop| refine::Config { stop, seed, rates, coarse, ..refine::Config::default() });
         Ok(Method { refine, ..Method::feed_forward(self.config(seed)?) })
     }
 
@@ -244,16 +251,19 @@ impl Pipeline {
         match self.allocation {
             AllocationName::Entropy | AllocationName::Laplacian | AllocationName::Random => {}
             AllocationName::PixelAligned => given.refuse(
-                &["gaussians", "tau", "sampler"],
+                &["gaussians", "tau", "sampler", "filled-weight"],
                 "--allocation pixel-aligned makes one Gaussian of every pixel",
             )?,
             AllocationName::Merged | AllocationName::VoxelAligned => given.refuse(
-                &["tau", "sampler"],
+                &["tau", "sampler", "filled-weight"],
                 "this --allocation draws no pixels; --gaussians COUNT says how many Gaussians are left",
             )?,
         }
         if self.source.backbone == BackboneName::GivenDepth && matches!(self.depth_range, Range::Known(..)) {
             given.refuse(&["depth-range"], "--backbone given-depth takes the range of the measured depth")?;
+        }
+        if self.source.backbone != BackboneName::PlaneSweep {
+            given.refuse(&["filled-weight"], "only the stereo of --backbone plane-sweep fills depth in")?;
         }
         if self.head == HeadName::DepthSplat {
             given.refuse(&["neighbours"], "--head depthsplat looks at no neighbours")?;
@@ -276,6 +286,7 @@ impl Pipeline {
                 SamplerName::Bernoulli => Sampler::Bernoulli,
                 SamplerName::Systematic => Sampler::Systematic,
             },
+            filled_weight: self.filled_weight,
             budget: self.tau.map_or(Budget::Gaussians(self.gaussians), Budget::Tau),
             neighbours: self.neighbours,
             head: match (weights, self.head) {
@@ -300,6 +311,12 @@ impl Pipeline {
             seed,
         })
     }
+}
+
+/// A factor of a probability.
+fn weight(text: &str) -> Result<f32, String> {
+    let weight = text.parse().ok().filter(|weight| (0.0..=1.0).contains(weight));
+    weight.ok_or_else(|| "expected a number from 0 to 1".to_owned())
 }
 
 /// A count above 0: `40000`, `40k`, `1.5M`.

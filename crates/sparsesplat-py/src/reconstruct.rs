@@ -71,7 +71,7 @@ enum Source {
 #[pyfunction]
 #[pyo3(signature = (
     source, gaussians = 40_000, *, tau = None, views = 6, size = None, format = None, backbone = "plane-sweep",
-    depth_planes = None, depth_range = None, allocation = "entropy", sampler = "fixed", head = "default", weights = None,
+    depth_planes = None, depth_range = None, allocation = "entropy", sampler = "fixed", filled_weight = None, head = "default", weights = None,
     looks = None, far_shell = true, exposure = "as-photographed", neighbours = 20, refine = 0, seed = 0, device = "auto", progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "those of the command, by name")]
@@ -88,6 +88,7 @@ pub(crate) fn reconstruct(
     depth_range: Option<&Bound<'_, PyAny>>,
     allocation: &str,
     sampler: &str,
+    filled_weight: Option<f32>,
     head: &str,
     weights: Option<PathBuf>,
     looks: Option<usize>,
@@ -107,6 +108,7 @@ pub(crate) fn reconstruct(
         depth_range: range,
         allocation: one_of("allocation", allocation)?,
         sampler: one_of("sampler", sampler)?,
+        filled_weight: filled_weight.unwrap_or(Config::default().filled_weight),
         budget: tau.map_or(Budget::Gaussians(gaussians), Budget::Tau),
         neighbours,
         head: match weights {

@@ -6,7 +6,7 @@ use crate::closed_form::{self, Surface};
 use crate::exposure;
 use crate::voxels::{self, Voxels};
 use crate::{
-    Allocation, Budget, Config, Counts, Error, ExposureGain, Geometry, Result, Stage, Stages, shell,
+    Allocation, Backbone, Budget, Config, Counts, Error, ExposureGain, Geometry, Result, Stage, Stages, shell,
 };
 use backproject::{Anchors, Backprojected, ViewPixels};
 use depth_backbone::{FEATURE_NAMES, Features, ViewGeometry};
@@ -188,9 +188,18 @@ fn sample(
             |geometry| (0..).zip(usable(geometry)).filter(|&(_, usable)| usable).map(|(i, _)| i).collect();
         return Ok((geometry.iter().map(all).collect(), None));
     }
+    let filled = match config.backbone {
+        Backbone::PlaneSweep { .. } => config.filled_weight,
+        // Measured depth is not filled in, and the confidence of DepthSplat is not a verdict of other views.
+        Backbone::GivenDepth | Backbone::DepthSplat(_) => 1.0,
+    };
     let weigh = |(view, geometry): (&View, &ViewGeometry)| -> Result<ImportanceMap> {
-        let weights = usable(geometry).map(|usable| f32::from(u8::from(usable))).collect();
-        Ok(map(view)?.with_weights(weights)?)
+        let weight = |(pixel, usable)| match (usable, geometry.is_confirmed(pixel)) {
+            (false, _) => 0.0,
+            (true, true) => 1.0,
+            (true, false) => filled,
+        };
+        Ok(map(view)?.with_weights(usable(geometry).enumerate().map(weight).collect())?)
     };
     let maps: Vec<ImportanceMap> = views.par_iter().zip(geometry).map(weigh).collect::<Result<_>>()?;
     let budget = match config.budget {

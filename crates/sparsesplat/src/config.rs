@@ -15,6 +15,9 @@ pub struct Config {
     pub allocation: Allocation,
     /// How pixels are drawn from the probability map.
     pub sampler: Sampler,
+    /// Factor, 0 to 1, of the probability of pixels whose depth the stereo filled in from neighbours, because no other view confirms it: a Gaussian
+    /// counts for less where its place is a guess. With 1 the probability is the paper's. Other backbones fill nothing in.
+    pub filled_weight: f32,
     /// How many Gaussians.
     pub budget: Budget,
     /// Neighbours K that each anchor gathers.
@@ -40,6 +43,7 @@ impl Default for Config {
             depth_range: DepthRange::Estimate,
             allocation: Allocation::Entropy,
             sampler: Sampler::Fixed,
+            filled_weight: 0.5,
             budget: Budget::Gaussians(40_000),
             neighbours: 20,
             head: Head::Default,
@@ -57,6 +61,9 @@ impl Config {
         match (self.budget, self.allocation) {
             (Budget::Gaussians(0), _) => return Err(Error::EmptyBudget),
             _ if self.looks == 0 => return Err(Error::NoLook),
+            _ if !(0.0..=1.0).contains(&self.filled_weight) => {
+                return Err(Error::FilledWeight { found: self.filled_weight });
+            }
             (Budget::Tau(tau), Allocation::Merged | Allocation::VoxelAligned) => {
                 return Err(Error::NothingDrawn { tau });
             }

@@ -52,6 +52,12 @@ pub enum Error {
     /// A pass that looks at nothing.
     #[error("the number of looks is 0, expected at least 1: one look is the head alone")]
     NoLook,
+    /// A factor of a probability that is none.
+    #[error("the weight of filled-in pixels is {found}, expected 0 to 1")]
+    FilledWeight {
+        /// What was given.
+        found: f32,
+    },
     /// The included attention with a backbone whose features it was not trained on.
     #[error(
         "the head attention was trained on the features of the plane sweep: take that backbone, or another head"

@@ -290,6 +290,11 @@ pub fn points(
         Sampler::Bernoulli | Sampler::Systematic => (Sampler::Fixed, "fixed"),
     };
     all.vary(Axis::Sampler, name, |config| config.sampler = sampler);
+    let stereo = matches!(config.backbone, Backbone::PlaneSweep { .. });
+    let weight = if config.filled_weight == 1.0 { Config::default().filled_weight } else { 1.0 };
+    if stereo {
+        all.vary(Axis::Sampler, &format!("filled-weight={weight}"), |config| config.filled_weight = weight);
+    }
     if base.refine.is_none() {
         for &steps in extent.refinement() {
             all.add(Axis::Refinement, &format!("refine-{steps}"), |point| {

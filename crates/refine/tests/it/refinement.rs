@@ -43,12 +43,12 @@ fn a_disturbed_scene_comes_back_in_views_it_was_not_shown() {
 fn a_scene_that_is_right_stays_and_stops_early() {
     let truth = wall(10, 1.0);
     let views = photographs(&truth, &cameras(3, (48, 32), 1.0));
-    let refined = run(&truth, &views, &Config { stop: Stop::Steps(500), coarse: 0.0, ..Config::default() });
+    let refined = run(&truth, &views, &Config { stop: Stop::Steps(500), ..Config::default() });
     assert_eq!(refined.report.stopped, Some(Stopped::NothingGained));
-    assert_eq!(refined.report.steps.len(), 30, "twenty rounds of three views, two a step");
+    assert_eq!(refined.report.steps.len(), 60, "forty rounds of three views, two a step");
     assert!(quality(&refined.gaussians, &views) > 60.0);
-    let never = Config { stop: Stop::Steps(50), smallest_gain: 0.0, ..Config::default() };
-    assert_eq!(run(&truth, &views, &never).report.steps.len(), 50);
+    let never = Config { stop: Stop::Steps(80), smallest_gain: 0.0, ..Config::default() };
+    assert_eq!(run(&truth, &views, &never).report.steps.len(), 80);
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn a_perfect_view_does_not_hide_the_others() {
     let camera = gs_scene::Camera::new(*away.intrinsics(), turned, away.translation()).unwrap();
     views.push(View::new("away", Image::filled(40, 32, [0.0; 3]).unwrap(), camera, None).unwrap());
     let off = disturbed(&truth, 1.0);
-    let refined = run(&off, &views, &Config { stop: Stop::Steps(120), coarse: 0.0, ..Config::default() });
+    let refined = run(&off, &views, &Config { stop: Stop::Steps(120), ..Config::default() });
     assert!(refined.report.steps.len() > 40, "{:?}", refined.report.stopped);
     assert!(quality(&refined.gaussians, &views[..2]) > quality(&off, &views[..2]) + 4.0);
 }

@@ -91,6 +91,7 @@ def reconstruct(
     depth_range: Union[None, Literal["hint"], Tuple[float, float]] = None,
     allocation: Literal["entropy", "laplacian", "random", "pixel-aligned", "merged", "voxel-aligned"] = "entropy",
     sampler: Literal["fixed", "bernoulli", "systematic"] = "fixed",
+    filled_weight: Optional[float] = None,
     head: Literal["default", "attention", "closed-form"] = "default",
     weights: Union[None, str, PathLike[str]] = None,
     looks: Optional[int] = None,

@@ -47,6 +47,27 @@ fn the_shell_can_be_left_out_and_is_there_when_the_budget_allows() {
 }
 
 #[test]
+fn pixels_that_stereo_filled_in_are_drawn_less_often() {
+    let views = &COURTYARD.0[..3];
+    let drawn = |filled_weight: f32| {
+        let (allocation, sampler) = (Allocation::Random, Sampler::Systematic);
+        let config = Config { allocation, sampler, filled_weight, far_shell: false, ..plane_sweep(1) };
+        run(views, &Config { budget: Budget::Tau(1.0), ..config })
+    };
+    let all = drawn(1.0);
+    let usable = all.geometry.iter().flat_map(|view| &view.confidence).filter(|&&c| c > 0.0).count();
+    let confirmed = all.geometry.iter().flat_map(|view| &view.confidence).filter(|&&c| c >= 0.5).count();
+    assert!(confirmed > 1000 && usable > confirmed + 1000, "{confirmed} of {usable}");
+    assert_eq!((all.counts.total, drawn(0.0).counts.total), (usable, confirmed));
+    let half = drawn(0.5).counts.total as f64;
+    let expected = confirmed as f64 + 0.5 * (usable - confirmed) as f64;
+    assert!((half - expected).abs() < 3.0 * views.len() as f64, "{half}, expected {expected}");
+    // Measured depth is never filled in.
+    let measured = |filled_weight| run(views, &Config { filled_weight, ..given_depth(500) }).gaussians;
+    assert!(measured(0.0) == measured(1.0));
+}
+
+#[test]
 fn more_than_there_are_pixels_is_every_usable_pixel() {
     let views = &COURTYARD.0[..2];
     let usable = views.iter().map(|v| v.depth().unwrap().data().iter().filter(|&&d| d > 0.0).count());
