@@ -18,9 +18,12 @@ pub(crate) fn run(root: &Path, arguments: &[OsString]) -> ExitCode {
     let (gpu, arguments) = arguments_of_cargo(arguments);
     if gpu {
         // Selected as the tests are, or else cargo would build the dependencies anew with other features.
-        let package: &[&str] = if arguments.iter().any(is_whole) { &[] } else { &["--package", "gs-raster"] };
+        let selection = match arguments.iter().any(is_whole) {
+            true => features(&arguments),
+            false => vec!["--package".into(), "gs-raster".into()],
+        };
         let mut case = cargo(["run", "--quiet", "--example", "check_case"]);
-        case.args(package).args(["--", "--device", "gpu", FIRST_CASE]).current_dir(root);
+        case.args(selection).args(["--", "--device", "gpu", FIRST_CASE]).current_dir(root);
         if !case.status().is_ok_and(|status| status.success()) {
             eprintln!("{NO_ADAPTER}");
             return ExitCode::FAILURE;
@@ -53,6 +56,26 @@ fn arguments_of_cargo(arguments: &[OsString]) -> (bool, Vec<OsString>) {
     (gpu, words)
 }
 
+/// Those of cargo's words that choose features.
+fn features(arguments: &[OsString]) -> Vec<OsString> {
+    let mut words = Vec::new();
+    let mut rest = arguments.iter().take_while(|word| *word != "--");
+    while let Some(word) = rest.next() {
+        match word.to_str() {
+            Some("--features" | "-F") => {
+                words.push(word.clone());
+                words.extend(rest.next().cloned());
+            }
+            Some("--all-features" | "--no-default-features" | "--ignore-rust-version") => {
+                words.push(word.clone())
+            }
+            Some(text) if text.starts_with("--features=") => words.push(word.clone()),
+            _ => {}
+        }
+    }
+    words
+}
+
 /// Whether a word of cargo's selects every package.
 fn is_whole(word: &OsString) -> bool {
     word == "--workspace" || word == "--all"
@@ -80,6 +103,8 @@ mod tests {
             let words: Vec<OsString> = given.split_whitespace().map(OsString::from).collect();
             let (gpu, found) = arguments_of_cargo(&words);
             assert_eq!(found.join(" ".as_ref()), expected, "{given}");
+            let chosen = features(&found).join(" ".as_ref());
+            assert_eq!(chosen, if given.starts_with("--features") { given } else { "" }, "{given}");
             assert_eq!(gpu, expected.contains("--include-ignored"), "{given}");
         }
     }
