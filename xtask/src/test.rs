@@ -67,7 +67,7 @@ fn features(arguments: &[OsString]) -> Vec<OsString> {
                 words.extend(rest.next().cloned());
             }
             Some("--all-features" | "--no-default-features" | "--ignore-rust-version") => {
-                words.push(word.clone())
+                words.push(word.clone());
             }
             Some(text) if text.starts_with("--features=") => words.push(word.clone()),
             _ => {}
