@@ -170,7 +170,7 @@ const ANY_RUST: &str = "--ignore-rust-version";
 const TARGETS: [&str; 3] = ["--lib", "--bins", "--tests"];
 
 /// What `ci` leaves out of the estimation of poses: everything with the engine openMVG-rs.
-const POSES: [Step; 3] = [
+const POSES: [Step; 2] = [
     Step::Cargo(
         "clippy with openmvg",
         &[
@@ -189,25 +189,10 @@ const POSES: [Step; 3] = [
         ],
         &[],
     ),
+    // Both at once: one by one, cargo would compile what they share twice.
     Step::Cargo(
-        "test of view-poses with openmvg",
-        &["test", "--package", "view-poses", "--features", "openmvg", ANY_RUST],
-        &SAME_CASES,
-    ),
-    Step::Cargo(
-        "test of the commands with openmvg",
-        &[
-            "test",
-            "--package",
-            "sparsesplat-cli",
-            "--features",
-            "openmvg",
-            ANY_RUST,
-            "--test",
-            "it",
-            "--",
-            "poses",
-        ],
+        "test with openmvg",
+        &["test", "--package", "view-poses", "--package", "sparsesplat-cli", "--features", OPENMVG, ANY_RUST],
         &SAME_CASES,
     ),
 ];
