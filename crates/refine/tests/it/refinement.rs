@@ -182,7 +182,8 @@ fn a_perfect_view_does_not_hide_the_others() {
     views.push(View::new("away", Image::filled(40, 32, [0.0; 3]).unwrap(), camera, None).unwrap());
     let off = disturbed(&truth, 1.0);
     let refined = run(&off, &views, &Config { stop: Stop::Steps(120), ..Config::default() });
-    assert!(refined.report.steps.len() > 40, "{:?}", refined.report.stopped);
+    // Where nothing is gained, an end comes after 60.
+    assert!(refined.report.steps.len() > 80, "{:?}", refined.report.stopped);
     assert!(quality(&refined.gaussians, &views[..2]) > quality(&off, &views[..2]) + 4.0);
 }
 

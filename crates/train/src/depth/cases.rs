@@ -183,7 +183,7 @@ impl DepthCases {
         Self::opened(scenes, cache, on_scene, |&scene| {
             let described = Plan::simulated(scene, size).description();
             let key = format!("{VERSION} {SAMPLES} {described:?}");
-            (scene.to_string(), key, Box::new(move || simulated(scene, size)))
+            Ok((scene.to_string(), key, Box::new(move || simulated(scene, size))))
         })
     }
 
@@ -198,10 +198,9 @@ impl DepthCases {
         on_window: &(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync),
     ) -> Result<Self> {
         Self::opened(plans, cache, on_window, |plan| {
-            let window = plan.load(false);
-            let hash = window.as_ref().map_or_else(|_| String::new(), Window::exact_sha256);
-            let key = format!("{VERSION} {hash}");
-            (plan.name().to_owned(), key, Box::new(move || photographed(&window?)))
+            let window = plan.load(false)?;
+            let key = format!("{VERSION} {}", window.exact_sha256());
+            Ok((plan.name().to_owned(), key, Box::new(move || photographed(&window))))
         })
     }
 
@@ -210,12 +209,12 @@ impl DepthCases {
         items: &'a [T],
         cache: &Path,
         on_item: &(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync),
-        item: impl Fn(&'a T) -> (String, String, Box<dyn FnOnce() -> Result<Made> + 'a>) + Sync,
+        item: impl Fn(&'a T) -> Result<(String, String, Box<dyn FnOnce() -> Result<Made> + 'a>)> + Sync,
     ) -> Result<Self> {
         let made: Vec<(String, String, Option<Vec<DepthCase>>)> = items
             .par_iter()
             .map(|of| {
-                let (name, described, make) = item(of);
+                let (name, described, make) = item(of)?;
                 let key = hexadecimal(&Sha256::digest(described));
                 let file = format!("{}-{}.depth.safetensors", name.replace('/', "-"), &key[..16]);
                 let made = kept_or_made(&cache.join(file), make)?;

@@ -13,11 +13,9 @@ const LIKELIHOOD: f32 = 0.3;
 const SKY: f32 = 0.3;
 
 /// Mean loss over a view's pixels, and its gradient. `exact` is NaN where there is no surface, [`UNKNOWN`] where nobody knows it.
-/// A pixel that stereo confirms weighs `confirmed`, any other 1.
-pub(crate) fn loss(inputs: &Inputs, decoded: &Decoded, exact: &[f32], confirmed: f32) -> (f64, Decoded) {
+pub(crate) fn loss(inputs: &Inputs, decoded: &Decoded, exact: &[f32]) -> (f64, Decoded) {
     let (n, width) = (exact.len(), inputs.size().0);
     let share = 1.0 / n as f32;
-    let confidence = inputs.stereo_confidence();
     let mut sum = 0.0_f64;
     let mut gradient =
         Decoded { correction: vec![0.0; n], log_error: vec![0.0; n], sky: vec![0.0; decoded.sky.len()] };
@@ -34,16 +32,15 @@ pub(crate) fn loss(inputs: &Inputs, decoded: &Decoded, exact: &[f32], confirmed:
             continue;
         }
         solid[block] += 1;
-        let weight = if confidence[i] >= 0.5 { confirmed } else { 1.0 };
         let error = inputs.stereo()[i] + decoded.correction[i] - exact;
         let size = error.abs();
-        sum += f64::from(weight * ((1.0 + size / KNEE).ln() + FLOOR * size));
-        gradient.correction[i] = share * weight * error.signum() * (1.0 / (KNEE + size) + FLOOR);
+        sum += f64::from((1.0 + size / KNEE).ln() + FLOOR * size);
+        gradient.correction[i] = share * error.signum() * (1.0 / (KNEE + size) + FLOOR);
         // The expected error learns from the error, and not the other way round.
         let log_error = decoded.log_error[i];
         let relative = size * (-log_error).exp();
-        sum += f64::from(weight * LIKELIHOOD * (relative + log_error));
-        gradient.log_error[i] = share * weight * LIKELIHOOD * (1.0 - relative);
+        sum += f64::from(LIKELIHOOD * (relative + log_error));
+        gradient.log_error[i] = share * LIKELIHOOD * (1.0 - relative);
     }
     for (i, &logit) in decoded.sky.iter().enumerate() {
         let is_sky = match (empty[i], solid[i]) {
@@ -67,10 +64,7 @@ mod tests {
     #[test]
     fn gradients_equal_finite_differences() {
         let size = (4, 2);
-        let mut blocks = vec![0.0; 2 * Inputs::CHANNELS];
-        // Stereo confirms the first pixel.
-        blocks[4] = 0.75;
-        let confirmed = 0.3;
+        let blocks = vec![0.0; 2 * Inputs::CHANNELS];
         let own = vec![3.0, 5.0, 7.0, 9.0, 4.0, 6.0, 8.0, 10.0];
         let inputs =
             Inputs::of_parts(InputParts { size, blocks, base: vec![3.0, 7.0], own, unit: [0.1, 0.01] });
@@ -80,8 +74,8 @@ mod tests {
             log_error: vec![0.2, -0.4, 0.0, 0.1, 1.0, 0.6, 0.0, 0.0],
             sky: vec![-0.3, 0.8],
         };
-        let at = |decoded: &Decoded| loss(&inputs, decoded, &exact, confirmed).0;
-        let gradient = loss(&inputs, &decoded, &exact, confirmed).1;
+        let at = |decoded: &Decoded| loss(&inputs, decoded, &exact).0;
+        let gradient = loss(&inputs, &decoded, &exact).1;
         let check = |expected: f32, change: &dyn Fn(&mut Decoded, f32)| {
             let moved = |by: f32| {
                 let mut decoded = decoded.clone();
@@ -96,7 +90,6 @@ mod tests {
             let error = inputs.stereo()[i] + decoded.correction[i] - exact;
             let of_likelihood = LIKELIHOOD * error.signum() * (-decoded.log_error[i]).exp() / 8.0;
             let of_likelihood = if exact.is_nan() || *exact == UNKNOWN { 0.0 } else { of_likelihood };
-            let of_likelihood = if i == 0 { confirmed * of_likelihood } else { of_likelihood };
             check(gradient.correction[i] + of_likelihood, &|d, by| d.correction[i] += by);
         }
         for i in 0..2 {

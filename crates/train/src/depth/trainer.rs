@@ -24,8 +24,6 @@ pub struct DepthConfig {
     pub batch: usize,
     /// Size of a crop, blocks of 2×2 pixels.
     pub crop: (usize, usize),
-    /// Weight of the pixels that stereo confirms, whose depth [joining](depth_backbone::Inputs::join) keeps; the others weigh 1.
-    pub confirmed: f32,
     /// How fast weights move.
     pub rates: Rates,
     /// Seed of the weights and of everything that is drawn.
@@ -34,7 +32,7 @@ pub struct DepthConfig {
 
 impl Default for DepthConfig {
     fn default() -> Self {
-        Self { steps: 6000, batch: 8, crop: (96, 64), confirmed: 1.0, rates: Rates::default(), seed: 0 }
+        Self { steps: 6000, batch: 8, crop: (96, 64), rates: Rates::default(), seed: 0 }
     }
 }
 
@@ -53,9 +51,6 @@ impl DepthConfig {
         }
         if self.crop.0 < 16 || self.crop.1 < 16 {
             return refuse("crop", format!("{:?}", self.crop), "two sides of at least 16 blocks");
-        }
-        if !(0.0..=1.0).contains(&self.confirmed) {
-            return refuse("confirmed", self.confirmed.to_string(), "a weight of 0 to 1");
         }
         self.rates.check()
     }
@@ -193,7 +188,7 @@ impl DepthTrainer {
             .map(|item| {
                 let Crop { inputs, exact } = self.crop(self.step * self.config.batch + item);
                 let recorded = network.record(&inputs);
-                let (value, gradient) = loss(&inputs, &recorded.decoded, &exact, self.config.confirmed);
+                let (value, gradient) = loss(&inputs, &recorded.decoded, &exact);
                 (value, network.backward(&inputs, &recorded, &gradient))
             })
             .collect();

@@ -15,7 +15,7 @@ fn cases(cache: &Path) -> DepthCases {
 
 fn config(steps: usize) -> DepthConfig {
     let rates = Rates { learning_rate: 2e-3, warm_up: 2, ..Rates::default() };
-    DepthConfig { steps, batch: 2, crop: (24, 16), confirmed: 0.5, rates, seed: 5 }
+    DepthConfig { steps, batch: 2, crop: (24, 16), rates, seed: 5 }
 }
 
 #[test]
@@ -109,7 +109,6 @@ fn settings_out_of_range_and_files_that_are_damaged_are_named() {
         DepthConfig { batch: 0, ..config(1) },
         DepthConfig { batch: 5000, ..config(1) },
         DepthConfig { crop: (3, 16), ..config(1) },
-        DepthConfig { confirmed: f32::NAN, ..config(1) },
         DepthConfig { rates: Rates { clip: f32::NAN, ..Rates::default() }, ..config(1) },
     ] {
         assert!(matches!(config.check(), Err(Error::Setting { .. })), "{config:?}");
