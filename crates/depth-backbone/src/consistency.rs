@@ -67,6 +67,14 @@ impl<'a> Witness<'a> {
         Some((pixel, self.inverse_depth[pixel] - seen))
     }
 
+    /// The pixel of the other view that sees the point at (u, v) with inverse depth `w`, and whether the point is nearer than the surface
+    /// there (`Greater`), farther, or on it; none if it is not in the picture.
+    pub(crate) fn order(&self, u: f32, v: f32, w: f32, planes: &Planes) -> Option<(usize, Ordering)> {
+        let (x, y, seen) = self.pixel(u, v, w)?;
+        let pixel = y * self.width + x;
+        Some((pixel, self.compare(pixel, seen, planes)))
+    }
+
     /// Colour of a pixel of the other view.
     pub(crate) fn colour(&self, pixel: usize) -> &[f32] {
         &self.view.image().data()[3 * pixel..][..3]
@@ -142,9 +150,7 @@ pub(crate) fn contradicted(
         let mut floats = false;
         differences.clear();
         for witness in witnesses {
-            let Some((x, y, seen)) = witness.pixel(u, v, w) else { continue };
-            let pixel = y * witness.width + x;
-            let order = witness.compare(pixel, seen, planes);
+            let Some((pixel, order)) = witness.order(u, v, w, planes) else { continue };
             if order == Ordering::Less {
                 continue;
             }

@@ -16,6 +16,7 @@ mod texture;
 mod cost;
 mod sgm;
 
+mod confirm;
 mod consistency;
 mod fill;
 

@@ -1,7 +1,8 @@
 //! Multi-view stereo over inverse-depth planes.
 
 use crate::backbone::{DepthBackbone, ViewGeometry, Wanted, check_pixels};
-use crate::consistency::{Witness, agree, contradicted};
+use crate::confirm::confirmed;
+use crate::consistency::{Witness, contradicted};
 use crate::cost::{Hypotheses, Reference, Source, WindowStatistics, surface_costs, volume};
 use crate::learned::{DepthNetwork, Evidence, Inputs, of_all};
 use crate::pair::Pair;
@@ -45,11 +46,6 @@ const VOLUMES: usize = 1 << 29;
 
 /// Baseline over depth below which two views are taken to stand in the same place.
 const LEAST_PARALLAX: f64 = 0.005;
-/// Confirmed pixels must come in connected patches of at least this many.
-const SMALLEST_PATCH: usize = 150;
-/// Standard deviation of the luma in a window, 8-bit levels, below which an agreement means nothing: clear sky agrees
-/// with itself at any depth.
-const FLAT: f32 = 1.4;
 /// Confidence of depth that was filled in from confirmed neighbours …
 const FILLED_CONFIDENCE: f32 = 0.25;
 /// … and of depth that nothing supports: a view without a single confirmed pixel.
@@ -143,9 +139,10 @@ impl PlaneSweep {
         });
         drop(surfaces);
         let (inverse_depths, distinct): (Vec<_>, Vec<_>) = found.into_iter().unzip();
-        let filled: Vec<(Vec<f32>, Vec<f32>)> = (0..views.len())
-            .into_par_iter()
-            .map(|i| fuse_and_fill(i, &matched, &inverse_depths, &planes))
+        let filled: Vec<(Vec<f32>, Vec<f32>)> = confirmed(&matched, &inverse_depths, &planes)
+            .par_iter()
+            .zip(&matched)
+            .map(|(agreed, view)| fuse_and_fill(&view.texture, agreed))
             .collect();
         let found = inverse_depths.into_iter().zip(distinct).zip(filled);
         let evidence = found.map(|((matched, distinct), (inverse_depth, confidence))| Evidence {
@@ -220,15 +217,19 @@ pub(crate) fn has_parallax(of: usize, other: usize, matched: &[Matched], planes:
     position(of).distance(position(other)) * planes.inverse_depth_at(0.5) > LEAST_PARALLAX
 }
 
-/// The other views that can judge a view's depth.
+/// Numbers of the other views that can judge a view's depth …
+pub(crate) fn witness_views(of: usize, matched: &[Matched], planes: &Planes) -> impl Iterator<Item = usize> {
+    (0..matched.len()).filter(move |&other| other != of && has_parallax(of, other, matched, planes))
+}
+
+/// … and what they saw.
 pub(crate) fn witnesses<'a>(
     of: usize,
     matched: &'a [Matched],
     inverse_depths: &'a [Vec<f32>],
     planes: &Planes,
 ) -> Vec<Witness<'a>> {
-    (0..matched.len())
-        .filter(|&other| other != of && has_parallax(of, other, matched, planes))
+    witness_views(of, matched, planes)
         .map(|other| Witness::new(matched[of].view, matched[other].view, &inverse_depths[other]))
         .collect()
 }
@@ -305,58 +306,8 @@ fn sums(view: &Matched, all: &[Matched], hypotheses: &Hypotheses, first: Option<
     sgm::aggregate(isa, volume, &view.texture.values)
 }
 
-/// Takes the confirmation from patches of fewer than [`SMALLEST_PATCH`] connected pixels: what agrees by chance is
-/// small. Pixels are connected if their inverse depths differ by less than `step`.
-fn remove_speckles(agreed: &mut [(u8, f32)], width: usize, step: f32) {
-    let mut seen = vec![false; agreed.len()];
-    let mut patch = Vec::new();
-    for start in 0..agreed.len() {
-        if seen[start] || agreed[start].0 == 0 {
-            continue;
-        }
-        patch.clear();
-        patch.push(start);
-        seen[start] = true;
-        let mut next = 0;
-        while next < patch.len() {
-            let i = patch[next];
-            next += 1;
-            let (x, w) = (i % width, agreed[i].1);
-            let neighbours = [
-                (x > 0).then(|| i - 1),
-                (x + 1 < width).then(|| i + 1),
-                i.checked_sub(width),
-                (i + width < agreed.len()).then(|| i + width),
-            ];
-            for j in neighbours.into_iter().flatten() {
-                if !seen[j] && agreed[j].0 > 0 && (agreed[j].1 - w).abs() < step {
-                    seen[j] = true;
-                    patch.push(j);
-                }
-            }
-        }
-        if patch.len() < SMALLEST_PATCH {
-            patch.iter().for_each(|&i| agreed[i].0 = 0);
-        }
-    }
-}
-
 /// Joins what the views agree on, and fills the rest from confirmed neighbours. Returns inverse depth and confidence.
-fn fuse_and_fill(
-    index: usize,
-    all: &[Matched],
-    inverse_depths: &[Vec<f32>],
-    planes: &Planes,
-) -> (Vec<f32>, Vec<f32>) {
-    let view = &all[index];
-    let (texture, own) = (&view.texture, &inverse_depths[index]);
-    let mut agreed = agree(view.view, own, &witnesses(index, all, inverse_depths, planes), planes);
-    for (pixel, (count, _)) in agreed.iter_mut().enumerate() {
-        if view.statistics.deviation(pixel) < FLAT {
-            *count = 0;
-        }
-    }
-    remove_speckles(&mut agreed, texture.width, planes.step());
+fn fuse_and_fill(texture: &Texture, agreed: &[(u8, f32)]) -> (Vec<f32>, Vec<f32>) {
     let (weights, values): (Vec<f32>, Vec<f32>) =
         agreed.iter().map(|&(count, mean)| (f32::from(count), mean)).unzip();
     let filled = fill::interpolate(&values, &weights, &texture.values, texture.width);
@@ -369,36 +320,4 @@ fn fuse_and_fill(
             _ => (mean, 1.0 - 0.5_f32.powi(i32::from(count))),
         })
         .unzip()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn small_patches_lose_their_confirmation_and_steps_part_patches() {
-        // Left: 20 columns at 1; right: 20 columns at 2, cut off by one column without confirmation; one lone pixel.
-        let (width, height) = (45, 20);
-        let mut agreed: Vec<(u8, f32)> = (0..width * height)
-            .map(|i| match i % width {
-                0..20 => (2, 1.0),
-                20..40 => (1, 2.0),
-                _ => (0, 2.0),
-            })
-            .collect();
-        agreed[10 * width + 43].0 = 3;
-        // A patch of 5 x 5 at another depth inside the left one.
-        for i in 0..25 {
-            agreed[(5 + i / 5) * width + 5 + i % 5].1 = 1.5;
-        }
-        remove_speckles(&mut agreed, width, 0.1);
-        for (i, &(count, w)) in agreed.iter().enumerate() {
-            let expected = match i % width {
-                0..20 if w == 1.0 => 2,
-                20..40 => 1,
-                _ => 0,
-            };
-            assert_eq!(count, expected, "pixel {i}");
-        }
-    }
 }
