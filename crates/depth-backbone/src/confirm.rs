@@ -39,17 +39,17 @@ pub(crate) fn confirmed(
     };
     let agreed: Vec<_> = (0..matched.len()).into_par_iter().map(first).collect();
     let second = |view: usize| {
-        let against = disagreements(view, matched, inverse_depths, &agreed, planes);
-        let mut agreed = agreed[view].clone();
-        let (farthest, nearest) = usual(&agreed);
-        retain_patches(&mut agreed, matched[view].texture.width, planes.step(), |patch, agreed| {
-            let sum =
-                |of: &dyn Fn(usize) -> f32| patch.iter().map(|&pixel| f64::from(of(pixel))).sum::<f64>();
-            let mean = sum(&|pixel| agreed[pixel].1) / patch.len() as f64;
+        let disagreeing = disagreeing(view, matched, inverse_depths, &agreed, planes);
+        let (farthest, nearest) = usual(&agreed[view]);
+        let mut kept = agreed[view].clone();
+        retain_patches(&mut kept, matched[view].texture.width, planes.step(), |patch, agreed| {
+            let mean =
+                patch.iter().map(|&pixel| f64::from(agreed[pixel].1)).sum::<f64>() / patch.len() as f64;
+            let balance = |&pixel: &usize| f64::from(f32::from(agreed[pixel].0) - disagreeing(pixel));
             (f64::from(farthest)..=f64::from(nearest)).contains(&mean)
-                || sum(&|pixel| f32::from(agreed[pixel].0)) >= sum(&|pixel| against[pixel])
+                || patch.iter().map(balance).sum::<f64>() >= 0.0
         });
-        agreed
+        kept
     };
     (0..matched.len()).into_par_iter().map(second).collect()
 }
@@ -66,33 +66,30 @@ fn usual(agreed: &[(u8, f32)]) -> (f32, f32) {
     (at(beyond), at(last - beyond))
 }
 
-/// How many of the views into whose pictures a confirmed pixel's point falls do not see it there; 0 for other pixels. A confirmed surface
-/// before the point may truly hide it, so it counts [`HIDDEN`].
-fn disagreements(
+/// How many of the views into whose pictures the point of a pixel falls do not see it there. A confirmed surface before the point may truly
+/// hide it, so it counts [`HIDDEN`].
+fn disagreeing<'a>(
     of: usize,
-    matched: &[Matched],
-    inverse_depths: &[Vec<f32>],
-    agreed: &[Vec<(u8, f32)>],
-    planes: &Planes,
-) -> Vec<f32> {
+    matched: &'a [Matched],
+    inverse_depths: &'a [Vec<f32>],
+    agreed: &'a [Vec<(u8, f32)>],
+    planes: &'a Planes,
+) -> impl Fn(usize) -> f32 + 'a {
     let witnesses: Vec<_> = witness_views(of, matched, planes)
         .map(|other| &agreed[other])
         .zip(witnesses(of, matched, inverse_depths, planes))
         .collect();
     let width = matched[of].texture.width;
-    let judge = |(i, (&w, &(count, _))): (usize, (&f32, &(u8, f32)))| {
-        if count == 0 {
-            return 0.0;
-        }
-        let (u, v) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+    move |pixel| {
+        let (u, v) = ((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
+        let w = inverse_depths[of][pixel];
         let weight = |(agreed, witness): &(&Vec<(u8, f32)>, Witness)| match witness.order(u, v, w, planes) {
             Some((pixel, Ordering::Less)) if agreed[pixel].0 > 0 => HIDDEN,
             Some((_, Ordering::Less | Ordering::Greater)) => 1.0,
             Some((_, Ordering::Equal)) | None => 0.0,
         };
         witnesses.iter().map(weight).sum()
-    };
-    inverse_depths[of].par_iter().zip(&agreed[of]).enumerate().with_min_len(1 << 12).map(judge).collect()
+    }
 }
 
 /// Takes the confirmation from connected patches that `keep` refuses. Pixels are connected if their inverse depths differ by less than
