@@ -111,24 +111,35 @@ fn main() -> ExitCode {
 fn forward(root: &Path, command: &str, arguments: &[OsString]) -> ExitCode {
     const BINARY: [&str; 4] = ["--release", "--package", "sparsesplat-cli", "--manifest-path"];
     let manifest = root.join("Cargo.toml");
-    // Who does not measure does not build the crates of others that are measured; who has poses builds no engine for them.
-    let said = |word: &str| arguments.iter().any(|argument| argument == word);
-    let features: &[&str] = match command {
-        "bench" => &["--features", "peers"],
-        "weights" if said("--fetch") => &["--features", "hf-hub"],
-        "poses" => &["--features", "openmvg", ANY_RUST],
-        "reconstruct" if said("--poses") => &["--features", "openmvg", ANY_RUST],
-        _ => &[],
-    };
-    match cargo(["build"]).args(BINARY).arg(&manifest).args(features).status() {
+    let said = |word: &str| arguments.iter().any(|argument| argument.to_string_lossy().contains(word));
+    let features = features_of(command, said);
+    match cargo(["build"]).args(BINARY).arg(&manifest).args(&features).status() {
         Ok(built) if built.success() => {
             // The folder of the caller stays the current one, so that relative paths mean what they say.
             let mut run = cargo(["run", "--quiet"]);
-            run.args(BINARY).arg(&manifest).args(features).arg("--").arg(command).args(arguments);
+            run.args(BINARY).arg(&manifest).args(&features).arg("--").arg(command).args(arguments);
             run::exit_code(run.status())
         }
         failed => run::exit_code(failed),
     }
+}
+
+/// What is compiled for a command: candle and all that computes with it, the engine of poses, and the crates that are measured against only
+/// where they are asked for.
+fn features_of(command: &str, said: impl Fn(&str) -> bool) -> Vec<&'static str> {
+    let mut words = Vec::new();
+    // The second is the word of a backbone, of a head, and of the files with their weights.
+    if !matches!(command, "train" | "train-depth" | "ablate" | "bench") && !said("depthsplat") {
+        words.push("--no-default-features");
+    }
+    match command {
+        "bench" => words.extend(["--features", "peers"]),
+        "weights" if said("--fetch") => words.extend(["--features", "hf-hub"]),
+        "poses" => words.extend(["--features", OPENMVG, ANY_RUST]),
+        "reconstruct" if said("--poses") => words.extend(["--features", OPENMVG, ANY_RUST]),
+        _ => {}
+    }
+    words
 }
 
 /// One page of each kind, of pictures small enough to be made in seconds.
@@ -230,21 +241,7 @@ const CI: [Step; 15] = [
     Step::Cargo("test of the documentation", &["test", "--workspace", "--features", EXTRAS, "--doc"], &[]),
     Step::Check("instruction sets", sets::check),
     Step::Check("speed under every set", sets::guard),
-    Step::Cargo(
-        "test without rayon and serde",
-        &[
-            "test",
-            "--package",
-            "knn",
-            "--package",
-            "entropy-sampler",
-            "--package",
-            "covisibility",
-            "--no-default-features",
-        ],
-        &SAME_CASES,
-    ),
-    // What needs no candle, and what else is compiled without it.
+    // What needs no candle, and what else is compiled without it: among it the binary, as `cargo xtask demo` builds it.
     Step::Cargo(
         "clippy without candle",
         &[
@@ -253,6 +250,9 @@ const CI: [Step; 15] = [
             "sparsesplat",
             "--package",
             "attn-head",
+            "--package",
+            "sparsesplat-cli",
+            "--no-default-features",
             "--all-targets",
             "--",
             "-D",
@@ -260,10 +260,26 @@ const CI: [Step; 15] = [
         ],
         &[],
     ),
-    // Memory was measured above.
+    // At once, so that what they need is compiled once. Memory was measured above.
     Step::Cargo(
-        "test without candle",
-        &["test", "--package", "attn-head", "--", "--skip", "passes_hold_rows_of_anchors_but_none_of_pairs"],
+        "test without candle, rayon and serde",
+        &[
+            "test",
+            "--package",
+            "attn-head",
+            "--package",
+            "knn",
+            "--package",
+            "entropy-sampler",
+            "--package",
+            "covisibility",
+            "--no-default-features",
+            TARGETS[0],
+            TARGETS[2],
+            "--",
+            "--skip",
+            "passes_hold_rows_of_anchors_but_none_of_pairs",
+        ],
         &SAME_CASES,
     ),
     Step::Cargo("doc", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-Dwarnings")]),
@@ -273,6 +289,7 @@ const CI: [Step; 15] = [
         &[
             "package",
             "--allow-dirty",
+            "--no-verify",
             "--package",
             "gs-scene",
             "--package",
@@ -290,5 +307,40 @@ const CI: [Step; 15] = [
         ],
         &[],
     ),
+    // The one that is meant to be used alone is compiled from its package, too, and with it what it depends on.
+    Step::Cargo(
+        "package that compiles",
+        &["package", "--allow-dirty", "--package", "cpu-isa", "--package", "knn"],
+        &[],
+    ),
     Step::Check("use from outside", consumer::check),
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_are_built_with_what_they_ask_for() {
+        for (line, expected) in [
+            ("demo", "--no-default-features"),
+            ("train -o run", ""),
+            ("bench knn", "--features peers"),
+            ("eval --backbone depthsplat", ""),
+            ("weights --fetch small", "--no-default-features --features hf-hub"),
+            ("reconstruct photos -o scene.ply", "--no-default-features"),
+            (
+                "reconstruct photos --poses -o scene.ply",
+                "--no-default-features --features sparsesplat-cli/openmvg --ignore-rust-version",
+            ),
+            (
+                "reconstruct photos --poses --backbone=depthsplat",
+                "--features sparsesplat-cli/openmvg --ignore-rust-version",
+            ),
+        ] {
+            let (command, arguments) = line.split_once(' ').unwrap_or((line, ""));
+            let features = features_of(command, |word| arguments.contains(word));
+            assert_eq!(features.join(" "), expected, "{line}");
+        }
+    }
+}

@@ -339,12 +339,6 @@ pub(crate) fn positive(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&number| number > 0).ok_or_else(|| "expected a whole number above 0".to_owned())
 }
 
-/// A share of something that leaves room for the rest.
-pub(crate) fn share(text: &str) -> Result<f64, String> {
-    let share = text.parse().ok().filter(|share| (0.0..1.0).contains(share));
-    share.ok_or_else(|| "expected a number from 0 to below 1".to_owned())
-}
-
 /// A number of threads: some more than the cores, so that results can be compared, but not so many that starting them takes longer
 /// than the work.
 fn threads(text: &str) -> Result<usize, String> {
@@ -353,7 +347,6 @@ fn threads(text: &str) -> Result<usize, String> {
     if threads <= most { Ok(threads) } else { Err(format!("expected at most {most} on this machine")) }
 }
 
-/// At least two planes of stereo.
 /// A number of generated scenes, at least so many.
 pub(crate) fn scenes(least: u64) -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(least..=100_000)

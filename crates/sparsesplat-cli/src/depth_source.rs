@@ -53,6 +53,10 @@ impl DepthSource {
             }
         }
         let network = networks.first().map(|path| (*path).clone());
+        #[cfg(not(feature = "candle"))]
+        if self.backbone == BackboneName::DepthSplat {
+            return Err(Failure::lines(crate::needs_candle("--backbone depthsplat")));
+        }
         let backbone = match (self.backbone, network) {
             (BackboneName::DepthSplat, Some(network)) => Backbone::DepthSplat(network),
             (BackboneName::DepthSplat, None) => Backbone::DepthSplat(checkpoints::preferred()?),

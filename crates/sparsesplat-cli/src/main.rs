@@ -1,8 +1,10 @@
 //! The `sparsesplat` command: photographs in, a compact set of 3D Gaussians out, and the figures that say how good
 //! they are. The only place that prints.
 
+#[cfg(feature = "candle")]
 mod ablate;
 mod arguments;
+#[cfg(feature = "candle")]
 mod bench;
 mod check_data;
 mod check_scene;
@@ -22,6 +24,7 @@ mod output;
 mod paper;
 mod poses;
 mod progress;
+#[cfg(feature = "candle")]
 mod ranks;
 mod reconstruct;
 mod render;
@@ -31,8 +34,11 @@ mod stream;
 mod summary;
 mod sweep;
 mod tradeoff;
+#[cfg(feature = "candle")]
 mod train;
+#[cfg(feature = "candle")]
 mod train_depth;
+#[cfg(feature = "candle")]
 mod train_folder;
 mod video;
 mod view;
@@ -86,18 +92,28 @@ enum Command {
     Eval(eval::Arguments),
     Tradeoff(tradeoff::Arguments),
     Paper(paper::Arguments),
+    #[cfg(feature = "candle")]
     Train(train::Arguments),
+    #[cfg(feature = "candle")]
     TrainDepth(train_depth::Arguments),
+    #[cfg(feature = "candle")]
     Ablate(ablate::Arguments),
     Simulate(simulate::Arguments),
     CheckData(check_data::Arguments),
     Weights(weights::Arguments),
     Doctor(doctor::Arguments),
+    #[cfg(feature = "candle")]
     Bench(bench::Arguments),
 }
 
 fn main() -> ExitCode {
     memory::keep_free();
+    #[cfg(not(feature = "candle"))]
+    if let Some(command) = std::env::args().nth(1).filter(|command| COMPUTE_WITH_CANDLE.contains(&&**command))
+    {
+        summary::tell(&format!("error: {}\n", needs_candle(&command)));
+        return ExitCode::from(2);
+    }
     let command = Cli::command();
     let matches = command.clone().get_matches();
     let mut cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
@@ -129,15 +145,32 @@ fn run(cli: &Cli) -> Outcome {
         Command::Eval(arguments) => eval::run(arguments, common),
         Command::Tradeoff(arguments) => tradeoff::run(arguments, common),
         Command::Paper(arguments) => paper::run(arguments, common),
+        #[cfg(feature = "candle")]
         Command::Train(arguments) => train::run(arguments, common),
+        #[cfg(feature = "candle")]
         Command::TrainDepth(arguments) => train_depth::run(arguments, common),
+        #[cfg(feature = "candle")]
         Command::Ablate(arguments) => ablate::run(arguments, common),
         Command::Simulate(arguments) => simulate::run(arguments, common),
         Command::CheckData(arguments) => check_data::run(arguments, common),
         Command::Weights(arguments) => weights::run(arguments, common),
         Command::Doctor(arguments) => doctor::run(arguments, common),
+        #[cfg(feature = "candle")]
         Command::Bench(arguments) => bench::run(arguments, common),
     }
+}
+
+/// The commands that a binary without candle lacks.
+#[cfg(not(feature = "candle"))]
+const COMPUTE_WITH_CANDLE: [&str; 4] = ["train", "train-depth", "ablate", "bench"];
+
+/// What to do where a binary without candle is asked for something that computes with it.
+#[cfg(not(feature = "candle"))]
+fn needs_candle(what: &str) -> String {
+    format!(
+        "{what} needs candle, and this binary is built without it\n  `cargo xtask` builds each command with what it needs; `cargo build --release \
+         --package sparsesplat-cli` builds all of them"
+    )
 }
 
 /// What a figure is made with, for the head of a JSON file.

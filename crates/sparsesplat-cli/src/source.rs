@@ -43,13 +43,6 @@ pub(crate) fn simulated(seeds: Range<u64>, size: (usize, usize)) -> Vec<Plan> {
     seeds.map(|seed| Plan::simulated(SimulatedScene::Generated(Kind::of_seed(seed), seed), size)).collect()
 }
 
-/// The same scenes, photographed in the wild.
-pub(crate) fn in_the_wild(seeds: Range<u64>, size: (usize, usize)) -> Vec<Plan> {
-    seeds
-        .map(|seed| Plan::simulated(SimulatedScene::InTheWild(Kind::of_seed_in_the_wild(seed), seed), size))
-        .collect()
-}
-
 /// The files that windows are read from.
 pub(crate) fn files_of(plans: &[Plan]) -> Vec<PathBuf> {
     // Windows of one scene lie side by side.

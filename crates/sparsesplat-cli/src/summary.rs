@@ -21,6 +21,7 @@ pub(crate) fn leave_standard_output() {
 static ONLY_ERRORS: OnceLock<()> = OnceLock::new();
 
 /// From here on, [`print`] and [`warn`] say nothing: another rank of the same run does.
+#[cfg(feature = "candle")]
 pub(crate) fn say_errors_only() {
     ONLY_ERRORS.get_or_init(|| ());
 }

@@ -1,6 +1,6 @@
 //! `train`: a head, on a frozen backbone.
 
-use crate::arguments::{Common, Device, LpipsWeights, positive, scenes, share, size};
+use crate::arguments::{Common, Device, LpipsWeights, positive, scenes, size};
 use crate::datasets::Dataset;
 use crate::depth_source::DepthSource;
 use crate::device::{self, UsedDevice};
@@ -9,7 +9,7 @@ use crate::given::Given;
 use crate::output::{self, Outputs};
 use crate::progress::Progress;
 use crate::ranks::on_ranks;
-use crate::source::{files_of, in_the_wild, simulated};
+use crate::source::{files_of, simulated};
 use crate::summary::{print_line, warn};
 use crate::train_folder::{Folder, Log, lines_of};
 use anyhow::Context;
@@ -19,7 +19,8 @@ use evaluate::{Recipe, peak_rss_bytes};
 use gs_scene::Image;
 use report::training_plot;
 use report_parts::Picture;
-use scene_windows::Plan;
+use scene_sim::Kind;
+use scene_windows::{Plan, SimulatedScene};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sparsesplat::Predictor;
@@ -350,17 +351,26 @@ impl Data {
         if self.dataset == Dataset::Simulated || !self.simulates() {
             self.dataset.refuse_without_effect(given)?;
         }
-        let mut generated = Vec::new();
-        if self.simulates() {
-            let [clean, wild] = self.seeds();
-            generated.extend(simulated(clean, self.size));
-            generated.extend(in_the_wild(wild, self.size));
-        }
+        let [clean, wild] = self.seeds();
+        let scenes = if self.simulates() { generated(clean, wild) } else { Vec::new() };
+        let simulated = scenes.into_iter().map(|scene| Plan::simulated(scene, self.size)).collect();
         let photographs = (self.dataset != Dataset::Simulated)
             .then(|| photographs(self.dataset, self.root.as_deref(), self.size))
             .transpose()?;
-        Ok(Sources { simulated: generated, photographs })
+        Ok(Sources { simulated, photographs })
     }
+}
+
+/// Generated scenes as they are, and in the wild.
+pub(crate) fn generated(clean: Range<u64>, wild: Range<u64>) -> Vec<SimulatedScene> {
+    let clean = clean.map(|seed| SimulatedScene::Generated(Kind::of_seed(seed), seed));
+    clean.chain(wild.map(|seed| SimulatedScene::InTheWild(Kind::of_seed_in_the_wild(seed), seed))).collect()
+}
+
+/// A share of something that leaves room for the rest.
+pub(crate) fn share(text: &str) -> Result<f64, String> {
+    let share = text.parse().ok().filter(|share| (0.0..1.0).contains(share));
+    share.ok_or_else(|| "expected a number from 0 to below 1".to_owned())
 }
 
 /// Windows of photographs to train on, pictures of about so many pixels as a size has.

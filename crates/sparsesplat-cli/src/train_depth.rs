@@ -1,22 +1,20 @@
 //! `train-depth`: the network behind the plane sweep.
 
-use crate::arguments::{Common, positive, scenes, share, size};
+use crate::arguments::{Common, positive, scenes, size};
 use crate::datasets::Dataset;
 use crate::failure::{Failure, OrFail, Outcome};
 use crate::output::{self, Outputs};
 use crate::progress::Progress;
 use crate::source::files_of;
 use crate::summary::{print_line, warn};
-use crate::train::{self, VALIDATION_SEED};
+use crate::train::{self, VALIDATION_SEED, generated, share};
 use crate::train_folder::{Folder, Log};
 use ::train::depth::{DepthCases, DepthConfig, DepthScore, DepthTrainer};
 use clap::Args;
 use depth_backbone::DepthWeights;
 use evaluate::{Recipe, peak_rss_bytes};
-use scene_sim::Kind;
 use scene_windows::{Plan, Reading, SimulatedScene, Windows};
 use serde::Serialize;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -127,12 +125,6 @@ struct Record<C> {
     weights: PathBuf,
     validation: Option<Validation>,
     peak_rss_bytes: Option<u64>,
-}
-
-/// Generated scenes as they are, and in the wild.
-fn generated(clean: Range<u64>, wild: Range<u64>) -> Vec<SimulatedScene> {
-    let clean = clean.map(|seed| SimulatedScene::Generated(Kind::of_seed(seed), seed));
-    clean.chain(wild.map(|seed| SimulatedScene::InTheWild(Kind::of_seed_in_the_wild(seed), seed))).collect()
 }
 
 pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
