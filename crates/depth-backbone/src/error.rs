@@ -24,7 +24,7 @@ pub enum Error {
     },
     /// All cameras stand in one place, or see nothing in common.
     #[error(
-        "the depth range cannot be estimated: {reason}; state it (--depth-range NEAR,FAR), or give views that overlap"
+        "the depth range cannot be estimated: {reason}; state it, or give views that overlap"
     )]
     RangeUnknown {
         /// What was found.

@@ -183,7 +183,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let lpips_network = lpips.as_ref().map(|lpips| lpips.network().name());
     let held_out = 0..arguments.evaluation_scenes as u64;
     arguments.data.keep_unseen(&held_out, "measured")?;
-    let cases = arguments.data.cases(&arguments.data.sources(&common.given)?)?;
+    let cases = arguments.data.cases(&arguments.data.sources(&common.given)?, common.device)?;
     let mut dropped = Vec::new();
     let sets = sets(arguments, &mut dropped)?;
     let measure = Measure { arguments, common, lpips: lpips.as_ref() };

@@ -81,7 +81,7 @@ pub(crate) struct Pipeline {
     /// Depth range of the stereo: estimate (from the views), hint (of the data set), or NEAR,FAR in scene units
     #[arg(long, value_name = "RANGE", value_parser = range, default_value = "estimate")]
     pub(crate) depth_range: Range,
-    /// Looks at the photographs: 1 is the head alone, in one pass; in each further one all are rendered and the Gaussians follow the derivatives
+    /// Looks at the photographs: 1 is the head alone; each further look renders all of them and takes a few gradient steps
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = Config::default().looks)]
     pub(crate) looks: usize,
     /// Neighbours of each anchor

@@ -52,7 +52,7 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
         ),
         vectors_line(),
         format!("memory     {memory}"),
-        "heads      one for --backbone plane-sweep is built in; --weights takes others that `train` wrote"
+        "heads      two for --backbone plane-sweep are built in, the default and --head attention; --weights takes others that `train` wrote"
             .to_owned(),
         networks_line(),
         "LPIPS      is measured where --lpips-weights names its files; none come along, none are looked for"
@@ -84,6 +84,9 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
 
 /// Where weights of DepthSplat's network are looked for, and which are there.
 fn networks_line() -> String {
+    if cfg!(not(feature = "candle")) {
+        return "networks   this build is without candle: no --backbone depthsplat, no train, train-depth, ablate and bench".to_owned();
+    }
     let Some(folder) = checkpoints::folder() else {
         return format!(
             "networks   the system names no home folder: set {}, or give --weights",

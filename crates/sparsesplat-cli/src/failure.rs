@@ -58,14 +58,21 @@ impl Failure {
 fn argument(error: &anyhow::Error) -> Option<&'static str> {
     error.chain().find_map(|cause| {
         // An error that only wraps another does not stand before it in the chain, but in its place.
-        let cause = cause.downcast_ref().map_or(cause, |error: &evaluate::Error| match error {
-            evaluate::Error::Window(error) => error,
-            other => other,
-        });
-        let cause = cause.downcast_ref().map_or(cause, |error: &scene_windows::Error| match error {
-            scene_windows::Error::Data(error) => error,
-            other => other,
-        });
+        type Cause<'a> = &'a (dyn std::error::Error + 'static);
+        let cause: Cause<'_> = match cause.downcast_ref() {
+            Some(evaluate::Error::Window(error)) => error,
+            Some(evaluate::Error::Predict(error)) => error,
+            _ => cause,
+        };
+        let cause: Cause<'_> = match cause.downcast_ref() {
+            Some(scene_windows::Error::Data(error)) => error,
+            Some(scene_windows::Error::Predict(error)) => error,
+            _ => cause,
+        };
+        let cause: Cause<'_> = match cause.downcast_ref() {
+            Some(sparsesplat::Error::Backbone(error)) => error,
+            _ => cause,
+        };
         if let Some(error) = cause.downcast_ref::<view_data::Error>() {
             return match error {
                 view_data::Error::MixedSizes { .. } => Some("--size WxH"),
@@ -76,6 +83,9 @@ fn argument(error: &anyhow::Error) -> Option<&'static str> {
                 view_data::Error::Disconnected { connected, .. } if *connected >= 2 => Some("--views N"),
                 _ => None,
             };
+        }
+        if let Some(depth_backbone::Error::RangeUnknown { .. }) = cause.downcast_ref() {
+            return Some("--depth-range NEAR,FAR");
         }
         if let Some(scene_windows::Error::NoDepthHint { .. }) = cause.downcast_ref() {
             return Some("--depth-range estimate or NEAR,FAR");

@@ -173,9 +173,9 @@ fn run_on(ranks: &Arc<Ranks>, config: Config, arguments: &Arguments, common: &Co
     let sources = data.sources(&common.given)?;
     outputs
         .spare(files_of(sources.photographs.as_deref().unwrap_or_default()).iter().map(PathBuf::as_path))?;
-    let cases = ranks.first_before_others(|| data.cases(&sources))?;
+    let cases = ranks.first_before_others(|| data.cases(&sources, common.device))?;
     let held_out = Sources { simulated: simulated(held_out, data.size), photographs: None };
-    let validation = ranks.is_first().then(|| data.cases(&held_out)).transpose()?;
+    let validation = ranks.is_first().then(|| data.cases(&held_out, common.device)).transpose()?;
     print_line(&format!("windows    {}, sha256 {}", cases.len(), cases.sha256()));
     let (windows, data_sha256) = (cases.len(), cases.sha256().to_owned());
     let rasterizer = device::rasterizer(common.device)?;
@@ -303,7 +303,7 @@ impl Run<'_> {
 
 impl Data {
     /// Windows with what the backbone says of them, from the cache or made.
-    pub(crate) fn cases(&self, sources: &Sources) -> Outcome<Cases> {
+    pub(crate) fn cases(&self, sources: &Sources, device: Device) -> Outcome<Cases> {
         output::check_folder(&self.cache)?;
         let Sources { simulated, photographs } = sources;
         let progress = Progress::new(simulated.len() + photographs.as_ref().map_or(0, Vec::len));
@@ -314,7 +314,7 @@ impl Data {
             return Err(Failure::input(format!("--weights {head} is of a head: begin with it by --from")));
         }
         let config = sparsesplat::Config { backbone, ..sparsesplat::Config::default() };
-        let predictor = Predictor::on(config, device::of_networks(Device::Auto)).or_input()?;
+        let predictor = Predictor::on(config, device::of_networks(device)).or_input()?;
         let on_case = &mut |name: &str, why: Option<&scene_windows::Error>| {
             if let Some(why) = why {
                 progress.warn(&format!("dropped {name}: {why}"));

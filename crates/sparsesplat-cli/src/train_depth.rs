@@ -24,7 +24,7 @@ use std::time::Instant;
 /// network's depth with the exact one. With --dataset it sees photographs with measured depth, too. --output receives checkpoint.safetensors (for --resume), weights.safetensors (for --depth of the
 /// other commands) and log.jsonl.
 #[derive(Debug, Args)]
-#[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
+#[command(arg = crate::arguments::no_device(), after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat train-depth -o run\n  \
     sparsesplat train-depth -o run --resume                  resumes after an interruption, bit for bit\n  \
     sparsesplat train-depth -o run --dataset nerfstudio --root photographs --validation-root others\n  \

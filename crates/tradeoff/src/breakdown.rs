@@ -100,4 +100,15 @@ mod tests {
         assert_eq!(svg.matches("<title>knn").count(), 3);
         assert!(svg.contains("pixel-aligned"));
     }
+
+    #[test]
+    fn the_bars_leave_no_stage_out() {
+        // Powers of two: a sum says which stages are in it.
+        let mut seconds = Seconds { load: 1.0, refine: 2.0, write: 4.0, ..Seconds::default() };
+        for (stage, power) in Stage::ALL.into_iter().zip(3..) {
+            seconds.stages[stage] = 2_f64.powi(power);
+        }
+        let all: f64 = seconds.by_name().map(|(_, time)| time).sum();
+        assert_eq!(STAGES.iter().map(|(_, time)| time(&seconds)).sum::<f64>(), all);
+    }
 }

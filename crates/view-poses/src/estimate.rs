@@ -361,8 +361,8 @@ fn advice(attempts: &[Attempt], doubts: &[Doubt]) -> String {
         (true, false) if !Colmap::is_there() => {
             format!("{more}, or install COLMAP, which fails on other photographs ({INSTALL}), and run again")
         }
-        (true, false) => format!("{more}, or try --engine colmap"),
-        (false, true) => format!("{more}, or try --engine openmvg"),
+        (true, false) => format!("{more}, or try the engine colmap"),
+        (false, true) => format!("{more}, or try the engine openmvg"),
         _ => more.to_owned(),
     }
 }

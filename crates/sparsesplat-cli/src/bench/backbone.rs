@@ -25,7 +25,7 @@ use std::path::PathBuf;
 /// definition of convolutions, products and attention; a fast algorithm (Winograd's) may exceed the rate of the machine's matrix product,
 /// which candle's, in f32 on all threads, stands for.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  cargo xtask bench backbone --json backbone.json\n  \
+#[command(arg = crate::arguments::no_device(), after_help = "Examples:\n  cargo xtask bench backbone --json backbone.json\n  \
                         sparsesplat bench backbone --views 2 --layout s2_u4l8 --vit vitb\n  \
                         sparsesplat bench backbone --weights depthsplat-gs-small-....pth")]
 pub(crate) struct Arguments {

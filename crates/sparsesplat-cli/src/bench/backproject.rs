@@ -18,7 +18,7 @@ use serde::Serialize;
 /// Of six views of a wavy wall with a block before it, 10 km from the origin, pixels are chosen at random. Each row asks for all that the row
 /// above it asks for, and more; feature maps have a quarter of the picture's width, or all of it.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  sparsesplat bench backproject\n  \
+#[command(arg = crate::arguments::no_device(), after_help = "Examples:\n  sparsesplat bench backproject\n  \
                         sparsesplat bench backproject --anchors 40k --runs 21 --json backproject.json")]
 pub(crate) struct Arguments {
     /// How many pixels of the six views become points

@@ -19,7 +19,7 @@ use std::hint::black_box;
 /// Views are textured, flat, or noise; the window is 7x7. Beside it the definition, a histogram for every window, on as many
 /// threads. Budgets and samplers work on the textured views; that the budget is solved is part of what a sampler takes.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  sparsesplat bench entropy\n  \
+#[command(arg = crate::arguments::no_device(), after_help = "Examples:\n  sparsesplat bench entropy\n  \
                         sparsesplat bench entropy --budgets 40k --runs 21 --json entropy.json")]
 pub(crate) struct Arguments {
     /// How many pixels are chosen

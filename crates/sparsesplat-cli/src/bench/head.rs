@@ -21,7 +21,7 @@ use sparsesplat::learned::{geometry_features, image_features};
 /// (ours-naive) is ordinary operations of candle, with a row for every pair of anchor and neighbour.
 /// A matrix product of candle's, in f32 on all threads, says what the machine can do.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  cargo xtask bench head --json head.json\n  \
+#[command(arg = crate::arguments::no_device(), after_help = "Examples:\n  cargo xtask bench head --json head.json\n  \
                         sparsesplat bench head --counts 40k --runs 5\n  \
                         sparsesplat bench head --heads attention,edge-conv,max-pool,mlp,grid --counts 1k")]
 pub(crate) struct Arguments {

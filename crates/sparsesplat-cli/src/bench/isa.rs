@@ -33,6 +33,7 @@ use std::time::{Duration, Instant};
 /// no longer than AVX2 (half as long again is allowed, for noise). Where a rule is broken, rounds are added before it counts.
 #[derive(Debug, Args)]
 #[command(
+    arg = crate::arguments::no_device(),
     after_help = "Examples:\n  sparsesplat bench isa\n  sparsesplat bench isa --rounds 5 --json isa.json"
 )]
 pub(crate) struct Arguments {

@@ -21,7 +21,7 @@ use serde::Serialize;
 /// on all threads, in spatial order; that the order has to be found first is not counted, and its results are dropped as they come, where
 /// ours are kept.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  cargo xtask bench knn --json knn.json\n  \
+#[command(arg = crate::arguments::no_device(), after_help = "Examples:\n  cargo xtask bench knn --json knn.json\n  \
                         sparsesplat bench knn --counts 150k --neighbours 20 --case surfaces --runs 9")]
 pub(crate) struct Arguments {
     /// How many points
