@@ -57,7 +57,15 @@ impl<T: Real> Scratch<T> {
             self.width = width;
             self.columns = vec![T::default(); 3 * ROWS * stride + REACH];
             self.derivatives = vec![T::default(); 3 * (REACH + stride + REACH)];
-            self.history = vec![[[[T::default(); STRIP]; SPAN]; 3]; stride / STRIP];
+            self.history = Vec::new();
+        }
+    }
+
+    /// What a gradient needs besides, most of all memory.
+    fn fit_history(&mut self) {
+        let strips = stride(self.width) / STRIP;
+        if self.history.len() != strips {
+            self.history = vec![[[[T::default(); STRIP]; SPAN]; 3]; strips];
         }
     }
 }
@@ -180,6 +188,7 @@ pub(super) fn band<V: Vector>(
     let taps = taps::<V>();
     let with_gradient = !gradient.is_empty();
     if with_gradient {
+        scratch.fit_history();
         // The rows above belong to the band before: their derivatives reach into this one, their sums are done there.
         let above = first.min(ABOVE);
         for spans in &mut scratch.history {
