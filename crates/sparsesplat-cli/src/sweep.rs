@@ -30,10 +30,10 @@ pub(crate) struct Sweeping {
     dataset: Dataset,
     #[command(flatten)]
     source: Source,
-    /// With simulated: number of generated scenes (seeds 0, 1, ...) in addition to the demo's [default: 5, with --quick 0]
+    /// With simulated: number of generated scenes (seeds 0, 1, ...) in addition to the demo's [default: 5; tradeoff --quick: 0]
     #[arg(long, value_name = "N", value_parser = scenes(0))]
     scenes: Option<usize>,
-    /// Seeds of the sampling; points that do not depend on the seed are measured once [default: 0,1,2, with --quick 0]
+    /// Seeds of the sampling; points that do not depend on the seed are measured once [default: 0,1,2; tradeoff --quick: 0]
     #[arg(long, value_delimiter = ',', allow_negative_numbers = true)]
     seeds: Vec<u64>,
     /// Folder for finished points and pictures; a sweep resumes from it

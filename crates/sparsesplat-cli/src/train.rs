@@ -169,10 +169,10 @@ fn run_on(ranks: &Arc<Ranks>, config: Config, arguments: &Arguments, common: &Co
     let data = &arguments.data;
     let held_out = VALIDATION_SEED..VALIDATION_SEED + arguments.validation_scenes as u64;
     data.keep_unseen(&held_out, "validated")?;
-    let mut run = Run::begin(folder, arguments.save_every, arguments.resume, ranks)?;
     let sources = data.sources(&common.given)?;
     outputs
         .spare(files_of(sources.photographs.as_deref().unwrap_or_default()).iter().map(PathBuf::as_path))?;
+    let mut run = Run::begin(folder, arguments.save_every, arguments.resume, ranks)?;
     let cases = ranks.first_before_others(|| data.cases(&sources, common.device))?;
     let held_out = Sources { simulated: simulated(held_out, data.size), photographs: None };
     let validation = ranks.is_first().then(|| data.cases(&held_out, common.device)).transpose()?;
