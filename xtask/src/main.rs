@@ -111,8 +111,7 @@ fn main() -> ExitCode {
 fn forward(root: &Path, command: &str, arguments: &[OsString]) -> ExitCode {
     const BINARY: [&str; 4] = ["--release", "--package", "sparsesplat-cli", "--manifest-path"];
     let manifest = root.join("Cargo.toml");
-    let said = |word: &str| arguments.iter().any(|argument| argument.to_string_lossy().contains(word));
-    let features = features_of(command, said);
+    let features = features_of(command, arguments);
     match cargo(["build"]).args(BINARY).arg(&manifest).args(&features).status() {
         Ok(built) if built.success() => {
             // The folder of the caller stays the current one, so that relative paths mean what they say.
@@ -126,10 +125,14 @@ fn forward(root: &Path, command: &str, arguments: &[OsString]) -> ExitCode {
 
 /// What is compiled for a command: candle and all that computes with it, the engine of poses, and the crates that are measured against only
 /// where they are asked for.
-fn features_of(command: &str, said: impl Fn(&str) -> bool) -> Vec<&'static str> {
+fn features_of(command: &str, arguments: &[OsString]) -> Vec<&'static str> {
+    let any =
+        |rule: &dyn Fn(&str) -> bool| arguments.iter().any(|argument| rule(&argument.to_string_lossy()));
+    let said = |flag: &str| any(&|argument| argument.split('=').next() == Some(flag));
+    let names = |part: &str| any(&|argument| argument.contains(part));
     let mut words = Vec::new();
     // The second is the word of a backbone, of a head, and of the files with their weights.
-    if !matches!(command, "train" | "train-depth" | "ablate" | "bench") && !said("depthsplat") {
+    if !matches!(command, "train" | "train-depth" | "ablate" | "bench") && !names("depthsplat") {
         words.push("--no-default-features");
     }
     match command {
@@ -327,6 +330,15 @@ mod tests {
             ("train -o run", ""),
             ("bench knn", "--features peers"),
             ("eval --backbone depthsplat", ""),
+            ("train-depth -o run", ""),
+            ("ablate head", ""),
+            ("doctor", "--no-default-features"),
+            ("weights", "--no-default-features"),
+            ("reconstruct photos--poses", "--no-default-features"),
+            (
+                "poses photos",
+                "--no-default-features --features sparsesplat-cli/openmvg --ignore-rust-version",
+            ),
             ("weights --fetch small", "--no-default-features --features hf-hub"),
             ("reconstruct photos -o scene.ply", "--no-default-features"),
             (
@@ -338,8 +350,9 @@ mod tests {
                 "--features sparsesplat-cli/openmvg --ignore-rust-version",
             ),
         ] {
-            let (command, arguments) = line.split_once(' ').unwrap_or((line, ""));
-            let features = features_of(command, |word| arguments.contains(word));
+            let mut words = line.split(' ');
+            let command = words.next().unwrap();
+            let features = features_of(command, &words.map(OsString::from).collect::<Vec<_>>());
             assert_eq!(features.join(" "), expected, "{line}");
         }
     }

@@ -22,10 +22,11 @@ pub enum Error {
         /// Far plane, scene units.
         far: f64,
     },
+    /// Depth was measured in no pixel of any view.
+    #[error("the measured depth maps are empty")]
+    NothingMeasured,
     /// All cameras stand in one place, or see nothing in common.
-    #[error(
-        "the depth range cannot be estimated: {reason}; state it, or give views that overlap"
-    )]
+    #[error("the depth range cannot be estimated: {reason}; state it, or give views that overlap")]
     RangeUnknown {
         /// What was found.
         reason: &'static str,

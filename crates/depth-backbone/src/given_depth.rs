@@ -24,7 +24,7 @@ impl GivenDepth {
             all.extend(depth.data().iter().copied().filter(|&d| d > 0.0));
         }
         if all.is_empty() {
-            return Err(Error::RangeUnknown { reason: "the measured depth maps are empty" });
+            return Err(Error::NothingMeasured);
         }
         all.sort_unstable_by(f32::total_cmp);
         let at = |part: f64| f64::from(all[((all.len() - 1) as f64 * part).round() as usize]);

@@ -84,9 +84,6 @@ pub(crate) fn run(_: &Arguments, common: &Common) -> Outcome {
 
 /// Where weights of DepthSplat's network are looked for, and which are there.
 fn networks_line() -> String {
-    if cfg!(not(feature = "candle")) {
-        return "networks   this build is without candle: no --backbone depthsplat, no train, train-depth, ablate and bench".to_owned();
-    }
     let Some(folder) = checkpoints::folder() else {
         return format!(
             "networks   the system names no home folder: set {}, or give --weights",
@@ -97,10 +94,16 @@ fn networks_line() -> String {
     let names: Vec<&str> = found.iter().map(|(checkpoint, _)| checkpoint.name).collect();
     let found =
         if names.is_empty() { "none there".to_owned() } else { format!("there: {}", names.join(", ")) };
-    format!(
+    let line = format!(
         "networks   weights for --backbone depthsplat are looked for in {} ({found}); `weights` lists what is published",
         folder.display()
-    )
+    );
+    #[cfg(not(feature = "candle"))]
+    let line = format!(
+        "{line}\n           this binary is built without candle, which they need; {}",
+        crate::WITH_CANDLE
+    );
+    line
 }
 
 /// The instruction sets that the processor has, and which of them vector code runs on.

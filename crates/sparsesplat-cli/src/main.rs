@@ -109,9 +109,11 @@ enum Command {
 fn main() -> ExitCode {
     memory::keep_free();
     #[cfg(not(feature = "candle"))]
-    if let Some(command) = std::env::args().nth(1).filter(|command| COMPUTE_WITH_CANDLE.contains(&&**command))
+    if let Some(command) = std::env::args_os()
+        .nth(1)
+        .and_then(|word| COMPUTE_WITH_CANDLE.into_iter().find(|command| word == *command))
     {
-        summary::tell(&format!("error: {}\n", needs_candle(&command)));
+        summary::tell(&format!("error: {}\n", needs_candle(command)));
         return ExitCode::from(2);
     }
     let command = Cli::command();
@@ -167,11 +169,12 @@ const COMPUTE_WITH_CANDLE: [&str; 4] = ["train", "train-depth", "ablate", "bench
 /// What to do where a binary without candle is asked for something that computes with it.
 #[cfg(not(feature = "candle"))]
 fn needs_candle(what: &str) -> String {
-    format!(
-        "{what} needs candle, and this binary is built without it\n  `cargo xtask` builds each command with what it needs; `cargo build --release \
-         --package sparsesplat-cli` builds all of them"
-    )
+    format!("{what} needs candle, and this binary is built without it\n  {WITH_CANDLE}")
 }
+
+/// How to get a binary with candle.
+#[cfg(not(feature = "candle"))]
+const WITH_CANDLE: &str = "`cargo xtask` builds each command with what it needs; `cargo build --release --package sparsesplat-cli` builds all of them";
 
 /// What a figure is made with, for the head of a JSON file.
 fn recipe<C: serde::Serialize>(seed: u64, config: C) -> evaluate::Recipe<C> {

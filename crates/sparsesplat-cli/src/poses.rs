@@ -192,7 +192,7 @@ fn estimated(input: &Path, folder: &Path, settings: &Settings, progress: &Progre
         progress.warn(&format!("the poses are doubtful: {doubt}"));
     }
     if let Some(advice) = &estimate.advice {
-        progress.warn(&format!("what helps: {advice}"));
+        progress.warn(&format!("what helps: {advice} (engines are chosen by --engine)"));
     }
     if estimate.other_formats > 0 {
         progress.warn(&format!(

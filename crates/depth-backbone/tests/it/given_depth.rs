@@ -60,7 +60,7 @@ fn the_range_holds_all_but_half_a_percent_at_either_end() {
 fn nothing_measured_has_no_range() {
     let empty = |view: &View| with_depth(view, Some(vec![0.0; view.depth().unwrap().data().len()]));
     let views: Vec<View> = COURTYARD[..2].iter().map(empty).collect();
-    assert!(matches!(GivenDepth::depth_range(&views), Err(Error::RangeUnknown { .. })));
+    assert!(matches!(GivenDepth::depth_range(&views), Err(Error::NothingMeasured)));
     let geometry = GivenDepth.estimate(&views, Wanted::DepthAndFeatures).unwrap();
     for (geometry, view) in geometry.iter().zip(&views) {
         assert_eq!(geometry.depth.coverage(), 0.0);

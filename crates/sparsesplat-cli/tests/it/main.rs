@@ -2,8 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking, as tests do")]
 
+#[cfg(feature = "candle")]
 mod benches;
 mod data;
+#[cfg(feature = "candle")]
 mod depthsplat;
 mod devices;
 mod formats;
@@ -20,5 +22,8 @@ mod settings;
 mod streaming;
 mod tiny;
 mod tradeoff;
+#[cfg(feature = "candle")]
 mod training;
 mod viewing;
+#[cfg(not(feature = "candle"))]
+mod without_candle;

@@ -12,12 +12,20 @@ fn refused(arguments: &[&str], parts: &[&str]) {
 }
 
 #[test]
+fn a_device_is_refused_where_nothing_is_rendered() {
+    for command in [&["train-depth", "-o", "run"][..], &["bench", "knn"], &["bench", "isa"], &["weights"]] {
+        refused(&[command, &["--device", "cpu"]].concat(), &["--device", "renders nothing"]);
+    }
+}
+
+#[test]
 fn settings_of_data_on_disk_are_refused_where_scenes_are_simulated() {
     let tiny = Tiny::new();
     let root = tiny.root();
     let (root, folder) = (root.to_str().unwrap(), tiny.beside("run"));
     let folder = folder.to_str().unwrap();
     refused(&["train", "-o", folder, "--root", root], &["--root", "--dataset"]);
+    assert!(!Path::new(folder).exists(), "a folder without a run");
     refused(&["ablate", "head", "-o", folder, "--root", root], &["--root", "--dataset"]);
     refused(&["tradeoff", "--quick", "--root", root], &["--root", "--dataset"]);
     refused(&["paper", "main", "--root", root], &["--root", "--dataset"]);
