@@ -277,8 +277,6 @@ const CI: [Step; 15] = [
             "--package",
             "covisibility",
             "--no-default-features",
-            TARGETS[0],
-            TARGETS[2],
             "--",
             "--skip",
             "passes_hold_rows_of_anchors_but_none_of_pairs",

@@ -127,3 +127,21 @@ impl<T, E: Into<anyhow::Error>> OrFail<T> for Result<T, E> {
         self.map_err(|error| Failure::Work(error.into()))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use depth_backbone::Error::{NothingMeasured, RangeUnknown};
+
+    #[test]
+    fn the_argument_that_helps_is_named_once_and_only_where_it_helps() {
+        let told = |error| Failure::sorted(sparsesplat::Error::Backbone(error)).to_string();
+        let stereo = told(RangeUnknown { reason: "too few matches" });
+        assert_eq!(stereo.matches("--depth-range NEAR,FAR").count(), 1, "{stereo}");
+        assert_eq!(told(NothingMeasured), "the measured depth maps are empty");
+        let of_a_window = scene_windows::Error::Predict(sparsesplat::Error::Backbone(RangeUnknown {
+            reason: "too few matches",
+        }));
+        assert_eq!(Failure::sorted(evaluate::Error::Window(of_a_window)).to_string(), stereo);
+    }
+}

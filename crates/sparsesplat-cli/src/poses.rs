@@ -192,7 +192,8 @@ fn estimated(input: &Path, folder: &Path, settings: &Settings, progress: &Progre
         progress.warn(&format!("the poses are doubtful: {doubt}"));
     }
     if let Some(advice) = &estimate.advice {
-        progress.warn(&format!("what helps: {advice} (engines are chosen by --engine)"));
+        let flag = if advice.contains("the engine ") { " (--engine)" } else { "" };
+        progress.warn(&format!("what helps: {advice}{flag}"));
     }
     if estimate.other_formats > 0 {
         progress.warn(&format!(
