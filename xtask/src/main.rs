@@ -212,7 +212,7 @@ const POSES: [Step; 2] = [
 ];
 
 /// Cheap checks first, so that a slip of the pen is told early.
-const CI: [Step; 15] = [
+const CI: [Step; 14] = [
     Step::Cargo("fmt", &["fmt", "--all", "--check"], &[]),
     TIDY,
     Step::Cargo(
@@ -220,8 +220,23 @@ const CI: [Step; 15] = [
         &["clippy", "--workspace", "--features", EXTRAS, "--all-targets", "--", "-D", "warnings"],
         &[],
     ),
-    // As users build it; the targets of tests were checked above.
-    Step::Cargo("clippy with the default features", &["clippy", "--workspace", "--", "-D", "warnings"], &[]),
+    // Without candle, and so without the crates that cannot do without it: `cargo xtask demo` builds the binary so. `poses-test` checks it with
+    // the default features.
+    Step::Cargo(
+        "clippy without default features",
+        &[
+            "clippy",
+            "--workspace",
+            "--exclude",
+            "train",
+            "--no-default-features",
+            "--all-targets",
+            "--",
+            "-D",
+            "warnings",
+        ],
+        &[],
+    ),
     Step::Cargo(
         "clippy without the GPU path",
         &[
@@ -244,32 +259,10 @@ const CI: [Step; 15] = [
     Step::Cargo("test of the documentation", &["test", "--workspace", "--features", EXTRAS, "--doc"], &[]),
     Step::Check("instruction sets", sets::check),
     Step::Check("speed under every set", sets::guard),
-    // What needs no candle, and what else is compiled without it: among it the binary, as `cargo xtask demo` builds it.
     Step::Cargo(
-        "clippy without candle",
-        &[
-            "clippy",
-            "--package",
-            "sparsesplat",
-            "--package",
-            "attn-head",
-            "--package",
-            "sparsesplat-cli",
-            "--no-default-features",
-            "--all-targets",
-            "--",
-            "-D",
-            "warnings",
-        ],
-        &[],
-    ),
-    // At once, so that what they need is compiled once. Memory was measured above.
-    Step::Cargo(
-        "test without candle, rayon and serde",
+        "test without rayon and serde",
         &[
             "test",
-            "--package",
-            "attn-head",
             "--package",
             "knn",
             "--package",
@@ -277,9 +270,6 @@ const CI: [Step; 15] = [
             "--package",
             "covisibility",
             "--no-default-features",
-            "--",
-            "--skip",
-            "passes_hold_rows_of_anchors_but_none_of_pairs",
         ],
         &SAME_CASES,
     ),

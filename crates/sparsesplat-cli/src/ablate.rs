@@ -52,28 +52,40 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Training settings of all rows (RON)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", hide_short_help = true)]
     config: Option<PathBuf>,
     /// Training steps per row [default: that of the settings]
     #[arg(long, value_name = "N", value_parser = positive)]
     steps: Option<usize>,
     /// What the outputs of the heads mean [default: that of the settings]
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, hide_short_help = true)]
     parametrisation: Option<ParametrisationName>,
     /// Only the rows of one of N processes, I from 0
-    #[arg(long, value_name = "I/N", default_value = "0/1", hide_default_value = true)]
+    #[arg(
+        long,
+        value_name = "I/N",
+        default_value = "0/1",
+        hide_default_value = true,
+        hide_short_help = true
+    )]
     shard: Shard,
     /// Training seeds; each gets its own row
     #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "0")]
     training_seeds: Vec<u64>,
     /// Seeds of the sampling, for the spread
-    #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "0,1,2")]
+    #[arg(
+        long,
+        value_name = "SEEDS",
+        value_delimiter = ',',
+        default_value = "0,1,2",
+        hide_short_help = true
+    )]
     seeds: Vec<u64>,
     /// Number of Gaussians at which rows are measured
     #[arg(long, value_name = "COUNT", value_parser = gaussians, default_value = "40k")]
     gaussians: usize,
     /// Number of generated scenes to measure on, seeds 0, 1, ...
-    #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 8)]
+    #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 8, hide_short_help = true)]
     evaluation_scenes: usize,
     /// Size of the pictures of these scenes; photographs keep their shape and are scaled down to about as many pixels
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "480x320", hide_short_help = true)]

@@ -59,7 +59,7 @@ pub(crate) struct Pipeline {
     #[arg(long, value_parser = tau, allow_hyphen_values = true, hide_short_help = true)]
     pub(crate) tau: Option<f64>,
     /// Choice of the pixels that become Gaussians
-    #[arg(long, value_enum, default_value = "entropy")]
+    #[arg(long, value_enum, default_value = "entropy", hide_short_help = true)]
     pub(crate) allocation: AllocationName,
     /// Drawing of pixels: fixed gives the exact count, bernoulli (the paper's) varies around it
     #[arg(long, value_enum, default_value = "fixed", hide_short_help = true)]
@@ -79,7 +79,7 @@ pub(crate) struct Pipeline {
     #[arg(long, value_enum, default_value = "as-photographed", hide_short_help = true)]
     pub(crate) exposure: ExposureName,
     /// Depth range of the stereo: estimate (from the views), hint (of the data set), or NEAR,FAR in scene units
-    #[arg(long, value_name = "RANGE", value_parser = range, default_value = "estimate")]
+    #[arg(long, value_name = "RANGE", value_parser = range, default_value = "estimate", hide_short_help = true)]
     pub(crate) depth_range: Range,
     /// Looks at the photographs: 1 is the head alone; each further look renders all of them and takes a few gradient steps
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = Config::default().looks)]

@@ -20,7 +20,7 @@ pub(crate) struct DepthSource {
     #[arg(long, value_name = "N", value_parser = planes, hide_short_help = true)]
     pub(crate) depth_planes: Option<usize>,
     /// Depth of the stereo: stereo (the default), learned (improved by a small network), or a FILE of such a network's weights from train-depth
-    #[arg(long, value_name = "SOURCE", value_parser = sweep_depth)]
+    #[arg(long, value_name = "SOURCE", value_parser = sweep_depth, hide_short_help = true)]
     pub(crate) depth: Option<SweepDepth>,
     /// Weights of a head or of DepthSplat's network, or both; the kind is read from the file
     ///

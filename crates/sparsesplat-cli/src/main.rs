@@ -116,7 +116,7 @@ fn main() -> ExitCode {
         summary::tell(&format!("error: {}\n", needs_candle(command)));
         return ExitCode::from(2);
     }
-    let command = Cli::command();
+    let command = command();
     let matches = command.clone().get_matches();
     let mut cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     cli.common.given = Given::of(&command, &matches);
@@ -127,6 +127,16 @@ fn main() -> ExitCode {
             ExitCode::from(failure.code())
         }
     }
+}
+
+/// The command line. How poses are estimated is short help of `poses` alone.
+fn command() -> clap::Command {
+    Cli::command().mut_subcommand("reconstruct", |command| {
+        poses::How::NAMES.iter().fold(command, |command, name| {
+            // clap names options by the fields that hold them.
+            command.mut_arg(name.replace('-', "_"), |argument| argument.hide_short_help(true))
+        })
+    })
 }
 
 fn run(cli: &Cli) -> Outcome {
@@ -195,6 +205,16 @@ mod tests {
 
     #[test]
     fn the_command_line_is_well_formed() {
-        Cli::command().debug_assert();
+        command().debug_assert();
+    }
+
+    #[test]
+    fn short_help_fits_on_one_screen() {
+        let mut all = command();
+        all.build();
+        for subcommand in all.get_subcommands_mut() {
+            let help = subcommand.render_help().to_string();
+            assert!(help.lines().count() <= 50, "{} lines: {help}", help.lines().count());
+        }
     }
 }

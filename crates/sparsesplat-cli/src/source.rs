@@ -17,14 +17,14 @@ pub(crate) struct Source {
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
     /// Context and target views of each window [default: evaluation_index.json in the folder of each scene, if there is one]
-    #[arg(long, value_name = "FILE", requires = "root")]
+    #[arg(long, value_name = "FILE", requires = "root", hide_short_help = true)]
     index: Option<PathBuf>,
     /// Number of context views; if given, evaluation_index.json in the folder of a scene is not used
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = 6, conflicts_with = "index")]
     views: usize,
     /// Number of windows along the path of each scene; if given, evaluation_index.json in its folder is not used [default: 3 for layouts of
     /// videos, else one window of views chosen by their overlap]
-    #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "index")]
+    #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "index", hide_short_help = true)]
     windows: Option<usize>,
     /// Scale and crop photographs to this size [default: their size on disk]
     #[arg(long, value_name = "WxH", value_parser = size)]

@@ -96,7 +96,7 @@ pub(crate) struct Data {
     #[arg(long, value_name = "N", value_parser = scenes(1), default_value_t = 240)]
     scenes: usize,
     /// Number of additional generated scenes in the wild: wider baselines, varying exposure, noise, slightly wrong poses, woods
-    #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0)]
+    #[arg(long, value_name = "N", value_parser = scenes(0), default_value_t = 0, hide_short_help = true)]
     wild_scenes: usize,
     /// Seed of the first generated scene; the scenes of `eval` start at 0 and must stay unseen
     #[arg(long, value_name = "SEED", default_value_t = 1000, hide_short_help = true)]

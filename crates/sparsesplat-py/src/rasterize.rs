@@ -474,8 +474,8 @@ fn text(name: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
 /// Name of the device, and why it is not a GPU where "auto" was asked for.
 fn describe(rasterizer: &Rasterizer) -> (String, Option<String>) {
     #[cfg(feature = "gpu")]
-    let name = rasterizer.adapter().map(|adapter| adapter.name.clone());
+    let name = rasterizer.adapter().map_or_else(|| "cpu".to_owned(), |adapter| adapter.name.clone());
     #[cfg(not(feature = "gpu"))]
-    let name: Option<String> = None;
-    (name.unwrap_or_else(|| "cpu".to_owned()), rasterizer.fallback().map(ToString::to_string))
+    let name = "cpu".to_owned();
+    (name, rasterizer.fallback().map(ToString::to_string))
 }

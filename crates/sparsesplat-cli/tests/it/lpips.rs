@@ -28,7 +28,7 @@ fn lpips_is_measured_where_weights_are_given_and_names_its_network() {
     let (features, linear, json) = (at("features.safetensors"), at("linear.safetensors"), at("eval.json"));
     write_weights(&features, &linear);
     let eval = |weights: &[&Path]| {
-        let mut words = vec!["eval", "--dataset", "simulated", "--size", "96x64", "--gaussians", "500"];
+        let mut words = vec!["eval", "--dataset", "simulated", "--size", "60x40", "--gaussians", "500"];
         words.extend(["--head", "closed-form", "--device", "cpu", "--json", text(&json)]);
         if !weights.is_empty() {
             words.push("--lpips-weights");
@@ -50,7 +50,7 @@ fn lpips_is_measured_where_weights_are_given_and_names_its_network() {
     // In the tables of sweeps, too.
     let (paper, weights) = (at("paper.json"), [text(&linear), text(&features)]);
     let words =
-        ["paper", "replica", "--scenes", "0", "--size", "96x64", "--head", "closed-form", "--seeds", "0"];
+        ["paper", "replica", "--scenes", "0", "--size", "60x40", "--head", "closed-form", "--seeds", "0"];
     let more = ["--device", "cpu", "--json", text(&paper), "--lpips-weights"];
     let Called { stdout, .. } = call(&[&words[..], &more, &weights].concat()).succeeded();
     assert!(stdout.contains("LPIPS (squeeze)") && stdout.contains("LPIPS (vgg)"), "{stdout}");
@@ -78,7 +78,7 @@ fn lpips_in_the_loss_is_another_run() {
     let (output, cache) = (at("run"), at("cache"));
     let train = |output: &Path, more: &[&str]| {
         let mut words = vec!["train", "-o", text(output), "--config", text(&config), "--cache", text(&cache)];
-        words.extend(["--size", "96x64", "--scenes", "1", "--validation-scenes", "1", "--device", "cpu"]);
+        words.extend(["--size", "60x40", "--scenes", "1", "--validation-scenes", "1", "--device", "cpu"]);
         words.extend(more);
         call(&words)
     };

@@ -33,7 +33,7 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
             "--cache",
             text(&cache),
             "--size",
-            "96x64",
+            "60x40",
             "--scenes",
             "1",
             "--validation-scenes",
@@ -65,7 +65,7 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
     fs::write(&none, "(steps: 0, neighbours: 5)").unwrap();
     let weights = run.join("weights.safetensors");
     let shared =
-        ["train", "--cache", text(&cache), "--size", "96x64", "--scenes", "1", "--validation-scenes", "1"];
+        ["train", "--cache", text(&cache), "--size", "60x40", "--scenes", "1", "--validation-scenes", "1"];
     let mean = at("mean");
     let own =
         ["--config", text(&none), "--from", text(&weights), "--from", text(&weights), "-o", text(&mean)];
@@ -124,7 +124,7 @@ fn a_run_that_is_killed_goes_on_and_its_weights_reconstruct() {
             "--dataset",
             "simulated",
             "--size",
-            "96x64",
+            "60x40",
             "--gaussians",
             "500",
             "--device",
@@ -152,7 +152,7 @@ fn photographs_and_simulated_scenes_are_trained_on_together() {
     let at = |name: &str| folder.path().join(name);
     let (photographs, config, json) = (at("photographs"), at("short.ron"), at("train.json"));
     let simulate =
-        ["simulate", "--seed", "3", "--kind", "desk", "--size", "96x64", "--samples", "1", "--frames", "14"];
+        ["simulate", "--seed", "3", "--kind", "desk", "--size", "60x40", "--samples", "1", "--frames", "14"];
     call(&[&simulate[..], &["-o", text(&photographs)]].concat()).succeeded();
     fs::write(&config, "(steps: 4, batch: 1, density: (0.05, 0.1), neighbours: 5, targets: 1)").unwrap();
     let train = |run: &str, share: &str| {
@@ -189,7 +189,7 @@ fn rows_of_an_ablation_are_trained_once_and_measured_each() {
     let ablate_from = |first_seed: &str, rows: &str| {
         let mut words = vec!["ablate", "neighbours", "--rows", rows, "-o", text(&output)];
         words.extend(["--config", text(&config), "--cache", text(&cache), "--json", text(&json)]);
-        words.extend(["--size", "96x64", "--scenes", "1", "--evaluation-size", "96x64", "--device", "cpu"]);
+        words.extend(["--size", "60x40", "--scenes", "1", "--evaluation-size", "60x40", "--device", "cpu"]);
         words.extend(["--evaluation-scenes", "1", "--gaussians", "500", "--seeds", "0,1,0"]);
         words.extend(["--first-seed", first_seed]);
         call(&words)
@@ -253,7 +253,7 @@ fn shards_of_an_ablation_share_out_its_rows_and_the_whole_table_comes_of_them() 
     let ablate = |more: &[&str]| {
         let mut words = vec!["ablate", "neighbours", "--rows", "K=20,covisible,mixed", "-o", text(&output)];
         words.extend(["--config", text(&config), "--cache", text(&cache), "--json", text(&json)]);
-        words.extend(["--size", "96x64", "--scenes", "1", "--evaluation-size", "96x64", "--device", "cpu"]);
+        words.extend(["--size", "60x40", "--scenes", "1", "--evaluation-size", "60x40", "--device", "cpu"]);
         words.extend(["--evaluation-scenes", "2", "--gaussians", "300", "--seeds", "0"]);
         words.extend(["--parametrisation", "paper"]);
         call(&[&words[..], more].concat())
@@ -346,7 +346,7 @@ fn learned_depth_is_trained_resumed_and_used() {
     let train = |more: &[&str]| {
         let (run, config, cache) = (text(&run), text(&config), text(&cache));
         let files = ["train-depth", "-o", run, "--config", config, "--cache", cache];
-        let size = ["--size", "96x64", "--scenes", "1", "--wild-scenes", "0", "--validation-scenes", "1"];
+        let size = ["--size", "60x40", "--scenes", "1", "--wild-scenes", "0", "--validation-scenes", "1"];
         call(&[&files[..], &size, more].concat())
     };
     train(&["--save-every", "1", "--json", text(&json)]).succeeded();
