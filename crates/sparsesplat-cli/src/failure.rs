@@ -144,4 +144,23 @@ mod tests {
         }));
         assert_eq!(Failure::sorted(evaluate::Error::Window(of_a_window)).to_string(), stereo);
     }
+
+    #[test]
+    fn every_cause_is_told_once() {
+        let setting =
+            || refine::Error::Setting { name: "damping", found: -1.0, expected: "a number above 0" };
+        let looks = || sparsesplat::Error::Looks(Box::new(setting()));
+        let metric = image_metrics::Error::GradientLength { expected: 6, found: 3 };
+        let errors = [
+            (evaluate::Error::Refine(setting()), "refinement setting damping"),
+            (evaluate::Error::Predict(looks()), "refinement setting damping"),
+            (evaluate::Error::Window(scene_windows::Error::Predict(looks())), "refinement setting damping"),
+            (evaluate::Error::Metric { view: "left".to_owned(), source: metric }, "6"),
+        ];
+        for (error, cause) in errors {
+            let told = Failure::sorted(error).to_string();
+            assert_eq!(told.matches(cause).count(), 1, "{told}");
+            assert_eq!(told.matches(": ").count(), 1, "one cause behind what it caused: {told}");
+        }
+    }
 }

@@ -7,6 +7,7 @@ use gs_scene::{read_ply, write_ply};
 use serde_json::Value;
 use sparsesplat::{Budget, Config, DepthRange};
 use std::fs;
+use std::process::Command;
 
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is not a number"))
@@ -240,4 +241,42 @@ fn help_teaches_and_the_doctor_passes() {
     assert!(call(&["--help"]).succeeded().stdout.contains("sparsesplat demo"));
     assert!(call(&["doctor"]).succeeded().stdout.contains("self-test  passed"));
     assert_eq!(call::<&str>(&[]).code, Some(2));
+}
+
+#[test]
+fn recipes_name_the_commit_of_the_program_wherever_it_runs() {
+    // Another repository, whose commit is nobody's business.
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join(".git")).unwrap();
+    fs::write(folder.path().join(".git/HEAD"), "0123456789abcdef0123456789abcdef01234567\n").unwrap();
+    let simulate = [
+        "simulate",
+        "--size",
+        "16x16",
+        "--frames",
+        "2",
+        "--samples",
+        "1",
+        "-o",
+        "desk",
+        "--json",
+        "made.json",
+    ];
+    let called = Command::new(env!("CARGO_BIN_EXE_sparsesplat"))
+        .args(simulate)
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert!(called.status.success(), "{}", String::from_utf8_lossy(&called.stderr));
+    let said = read_json(&folder.path().join("made.json"))["recipe"]["git"].clone();
+    let head = |arguments: &[&str]| {
+        let output =
+            Command::new("git").args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().ok()?;
+        output.status.success().then(|| String::from_utf8(output.stdout).unwrap().trim().to_owned())
+    };
+    // Where this is no checkout, the package names its commit, or nothing does.
+    match head(&["ls-files", "--error-unmatch", "build.rs"]).and_then(|_| head(&["rev-parse", "HEAD"])) {
+        Some(commit) => assert_eq!(said, commit),
+        None => assert!(said == "unknown" || said.as_str().is_some_and(|said| said.len() == 40), "{said}"),
+    }
 }
