@@ -273,7 +273,12 @@ const CI: [Step; 14] = [
         ],
         &SAME_CASES,
     ),
-    Step::Cargo("doc", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "-Dwarnings")]),
+    // With the features of the first clippy, which has checked what it needs.
+    Step::Cargo(
+        "doc",
+        &["doc", "--workspace", "--no-deps", "--features", EXTRAS],
+        &[("RUSTDOCFLAGS", "-Dwarnings")],
+    ),
     // A working copy with changes has packages, too.
     Step::Cargo(
         "package",
