@@ -109,8 +109,8 @@ impl Amount {
 }
 
 impl From<Count> for Amount {
-    fn from(of: Count) -> Self {
-        Self { of, then: Vec::new() }
+    fn from(count: Count) -> Self {
+        Self { of: count, then: Vec::new() }
     }
 }
 
@@ -265,35 +265,35 @@ impl View {
     fn list_buffers(&mut self, solid: bool, recorded: bool) {
         let gaussians = Amount::from(Count::Gaussians);
         let (pairs, pixels) = (Amount::from(Count::Pairs), Amount::from(Count::Pixels));
-        let of = |name, source, rows: &Amount, row| Buffer { name, source, rows: rows.clone(), row };
+        let buffer = |name, source, rows: &Amount, row| Buffer { name, source, rows: rows.clone(), row };
         let one = Amount::from(Count::One);
         let sh = 3 * (self.features.sh_degree as usize + 1).pow(2) * WORD;
         let numbers = if solid || self.features.depth { 6 } else { 4 };
         self.buffers = vec![
-            of("frame", Source::Frame, &one, size_of::<Frame>()),
-            of("geometry", Source::Scene, &gaussians, crate::GEOMETRY * WORD),
-            of("sh", Source::Scene, &gaussians, sh),
-            of("splats", Source::Passes, &gaussians, size_of::<Splat>()),
-            of("counters", Source::Passes, &one, N_COUNTERS * WORD),
-            of("offsets", Source::Passes, &gaussians.plus(1), WORD),
-            of("offsets_sums", Source::Passes, &gaussians.plus(1).divided_by(BLOCK), WORD),
-            of("pair_splats", Source::Passes, &pairs, WORD),
-            of("ranges", Source::Passes, &Count::Tiles.into(), 2 * WORD),
-            of("pixels", Source::Passes, &pixels, numbers * WORD),
+            buffer("frame", Source::Frame, &one, size_of::<Frame>()),
+            buffer("geometry", Source::Scene, &gaussians, crate::GEOMETRY * WORD),
+            buffer("sh", Source::Scene, &gaussians, sh),
+            buffer("splats", Source::Passes, &gaussians, size_of::<Splat>()),
+            buffer("counters", Source::Passes, &one, N_COUNTERS * WORD),
+            buffer("offsets", Source::Passes, &gaussians.plus(1), WORD),
+            buffer("offsets_sums", Source::Passes, &gaussians.plus(1).divided_by(BLOCK), WORD),
+            buffer("pair_splats", Source::Passes, &pairs, WORD),
+            buffer("ranges", Source::Passes, &Count::Tiles.into(), 2 * WORD),
+            buffer("pixels", Source::Passes, &pixels, numbers * WORD),
         ];
         for (sort, n) in [(&DEPTH_SORT, &gaussians), (&TILE_SORT, &pairs)] {
             let histogram = histogram_length(n);
             for name in [sort.keys, sort.values, sort.keys_out, sort.values_out] {
-                self.buffers.push(of(name, Source::Passes, n, WORD));
+                self.buffers.push(buffer(name, Source::Passes, n, WORD));
             }
-            self.buffers.push(of(sort.histogram, Source::Passes, &histogram, WORD));
-            self.buffers.push(of(sort.sums, Source::Passes, &histogram.divided_by(BLOCK), WORD));
+            self.buffers.push(buffer(sort.histogram, Source::Passes, &histogram, WORD));
+            self.buffers.push(buffer(sort.sums, Source::Passes, &histogram.divided_by(BLOCK), WORD));
         }
         if solid {
-            self.buffers.push(of("surfaces", Source::Passes, &gaussians, size_of::<Surface>()));
+            self.buffers.push(buffer("surfaces", Source::Passes, &gaussians, size_of::<Surface>()));
         }
         if recorded {
-            self.buffers.push(of("ends", Source::Passes, &pixels, WORD));
+            self.buffers.push(buffer("ends", Source::Passes, &pixels, WORD));
         }
     }
 

@@ -197,7 +197,7 @@ fn probed(page: &str) -> io::Result<String> {
 /// What the scripts found, and what was said on the console.
 fn seen(dom: &str, log: &str) -> io::Result<Seen> {
     const OPEN: &str = "<pre id=\"browser-test\">";
-    let report = dom.rfind(OPEN).map(|at| &dom[at + OPEN.len()..]);
+    let report = dom.rfind(OPEN).map(|start| &dom[start + OPEN.len()..]);
     let report = report.and_then(|rest| rest.split_once("</pre>")).map(|(report, _)| report);
     let report = report.ok_or_else(|| io::Error::other("the page was not loaded to its end"))?;
     let mut lines = report.lines().map(str::to_owned);

@@ -37,7 +37,7 @@ impl Head {
         inputs.check(self.config())?;
         let out = fused::forward(self.config(), &self.weights.values, inputs);
         match out.iter().position(|v| !v.is_finite()) {
-            Some(at) => Err(Error::OutputNotFinite { anchor: at / OUTPUTS }),
+            Some(index) => Err(Error::OutputNotFinite { anchor: index / OUTPUTS }),
             None => Ok(out),
         }
     }

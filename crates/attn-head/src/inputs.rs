@@ -50,8 +50,8 @@ impl Inputs<'_> {
             ("relative", self.relative.as_flattened(), 3 * k),
         ];
         for (what, values, per_anchor) in values {
-            if let Some(at) = values.iter().position(|v| !v.is_finite()) {
-                return Err(Error::InputNotFinite { what, anchor: at / per_anchor });
+            if let Some(index) = values.iter().position(|v| !v.is_finite()) {
+                return Err(Error::InputNotFinite { what, anchor: index / per_anchor });
             }
         }
         Ok(())
@@ -64,7 +64,7 @@ pub(crate) fn check_cells(config: &Config, cells: &[[u32; 2]], n: usize) -> Resu
         return Err(Error::Length { what: "cells", expected: n, found: cells.len() });
     }
     match cells.iter().flatten().position(|&cell| cell as usize >= n) {
-        Some(at) => Err(Error::Cell { anchor: at / 2, found: cells[at / 2][at % 2], n }),
+        Some(index) => Err(Error::Cell { anchor: index / 2, found: cells[index / 2][index % 2], n }),
         None => Ok(()),
     }
 }
@@ -72,7 +72,7 @@ pub(crate) fn check_cells(config: &Config, cells: &[[u32; 2]], n: usize) -> Resu
 /// That all of `[n, k]` neighbours exist.
 pub(crate) fn check_neighbours(neighbours: &[u32], n: usize, k: usize) -> Result<()> {
     match neighbours.iter().position(|&j| j as usize >= n) {
-        Some(at) => Err(Error::Neighbour { anchor: at / k, found: neighbours[at], n }),
+        Some(index) => Err(Error::Neighbour { anchor: index / k, found: neighbours[index], n }),
         None => Ok(()),
     }
 }

@@ -203,8 +203,8 @@ mod tests {
     #[test]
     fn weights_that_do_not_fit_are_named() {
         let mut weights = Weights::initial(CONFIG, 7).unwrap();
-        let at = Layout::new(&CONFIG).parameters.iter().find(|p| p.name == "out.0.bias").unwrap().offset;
-        weights.values[at] = f32::NAN;
+        let offset = Layout::new(&CONFIG).parameters.iter().find(|p| p.name == "out.0.bias").unwrap().offset;
+        weights.values[offset] = f32::NAN;
         assert_eq!(
             weights.check().unwrap_err().to_string(),
             "the weights do not fit: out.0.bias holds a value that is not finite"

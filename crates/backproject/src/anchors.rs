@@ -88,20 +88,20 @@ impl Backprojected {
     /// If they differ in their number of features.
     pub fn append(&mut self, others: Self) {
         let (first, first_view) = (self.anchors.len(), self.ranges.len() as u32);
-        let (own, others_anchors) = (&mut self.anchors, others.anchors);
+        let (own_anchors, others_anchors) = (&mut self.anchors, others.anchors);
         if self.ranges.is_empty() {
-            *own = others_anchors;
+            *own_anchors = others_anchors;
         } else {
-            assert_eq!(own.channels, others_anchors.channels, "features per anchor");
-            own.positions.extend(others_anchors.positions);
-            own.normals.extend(others_anchors.normals);
-            own.rays.extend(others_anchors.rays);
-            own.depths.extend(others_anchors.depths);
-            own.footprints.extend(others_anchors.footprints);
-            own.colours.extend(others_anchors.colours);
-            own.features.extend(others_anchors.features);
-            own.pixels.extend(others_anchors.pixels);
-            own.views.extend(others_anchors.views.into_iter().map(|view| first_view + view));
+            assert_eq!(own_anchors.channels, others_anchors.channels, "features per anchor");
+            own_anchors.positions.extend(others_anchors.positions);
+            own_anchors.normals.extend(others_anchors.normals);
+            own_anchors.rays.extend(others_anchors.rays);
+            own_anchors.depths.extend(others_anchors.depths);
+            own_anchors.footprints.extend(others_anchors.footprints);
+            own_anchors.colours.extend(others_anchors.colours);
+            own_anchors.features.extend(others_anchors.features);
+            own_anchors.pixels.extend(others_anchors.pixels);
+            own_anchors.views.extend(others_anchors.views.into_iter().map(|view| first_view + view));
         }
         self.ranges.extend(others.ranges.into_iter().map(|range| first + range.start..first + range.end));
         self.dropped.extend(others.dropped);
@@ -138,7 +138,7 @@ pub fn anchors(views: &[ViewPixels], settings: &Settings) -> Result<Backprojecte
     let counted: Vec<Result<Dropped>> = chunks.par_iter().map(count).collect();
     let dropped_of: Vec<Dropped> = counted.into_iter().collect::<Result<_>>()?;
     let mut dropped = vec![Dropped::default(); views.len()];
-    chunks.iter().zip(&dropped_of).for_each(|(&(view, _), &of)| dropped[view] += of);
+    chunks.iter().zip(&dropped_of).for_each(|(&(view, _), &part)| dropped[view] += part);
     let mut ranges: Vec<Range<usize>> = Vec::with_capacity(views.len());
     for (view, dropped) in views.iter().zip(&dropped) {
         let first = ranges.last().map_or(0, |range| range.end);

@@ -37,14 +37,14 @@ struct Taps {
 /// Where `pixels` of the picture fall among `size` of the map, `stride` elements apart.
 fn along(pixels: usize, size: usize, stride: usize) -> Vec<Along> {
     let (scale, last) = (size as f64 / pixels as f64, (size - 1) as f64);
-    let at = |pixel: usize| {
-        let at = ((pixel as f64 + 0.5) * scale - 0.5).clamp(0.0, last);
-        let first = at as usize;
-        let weight = (at - first as f64) as f32;
+    let sample = |pixel: usize| {
+        let position = ((pixel as f64 + 0.5) * scale - 0.5).clamp(0.0, last);
+        let first = position as usize;
+        let weight = (position - first as f64) as f32;
         let step = if weight > 0.0 && first + 1 < size { stride } else { 0 };
         Along { first: (first * stride) as u32, step: step as u32, weight }
     };
-    (0..pixels).map(at).collect()
+    (0..pixels).map(sample).collect()
 }
 
 /// Channels taken together: as many streams of memory, and one vector.

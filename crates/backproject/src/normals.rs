@@ -125,25 +125,25 @@ impl<'a> Surface<'a> {
         let largest_step =
             z.map(|z| if z > 0.0 { (self.fit.max_relative_step * z).min(f32::MAX) } else { -1.0 });
         let (width, height) = (self.lens.width, self.lens.height);
-        let inside = |at: usize, size: usize| at >= radius && at + radius < size;
+        let inside = |position: usize, size: usize| position >= radius && position + radius < size;
         let uncut = (0..LANES).all(|l| inside(x[l], width) && inside(y[l], height));
         let mut sums = Moments::default();
         for (row, column) in
             (0..window).flat_map(|row| (0..window).step_by(N).map(move |column| (row, column)))
         {
-            let at = |l: usize| {
+            let start = |l: usize| {
                 (x[l].wrapping_add(column).wrapping_sub(radius), y[l].wrapping_add(row).wrapping_sub(radius))
             };
             let mut cut = [[0f32; N]; LANES];
             let mut taps = [&[0f32; N]; LANES];
             if uncut {
                 for (l, taps) in taps.iter_mut().enumerate() {
-                    let (x, y) = at(l);
+                    let (x, y) = start(l);
                     *taps = self.depth[y * width + x..].first_chunk().expect("the window is inside");
                 }
             } else {
                 for (l, (taps, cut)) in taps.iter_mut().zip(&mut cut).enumerate() {
-                    let (x, y) = at(l);
+                    let (x, y) = start(l);
                     *cut = self.depths(x, y);
                     *taps = cut;
                 }

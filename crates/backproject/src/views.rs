@@ -102,9 +102,13 @@ pub(crate) fn check(views: &[ViewPixels]) -> Result<()> {
         }
         match (features, views[0].features) {
             (None, None) => {}
-            (Some(own), Some(first)) if own.channels() == first.channels() => {}
-            (Some(own), Some(first)) => {
-                return Err(Error::Channels { view, expected: first.channels(), found: own.channels() });
+            (Some(own_features), Some(first)) if own_features.channels() == first.channels() => {}
+            (Some(own_features), Some(first)) => {
+                return Err(Error::Channels {
+                    view,
+                    expected: first.channels(),
+                    found: own_features.channels(),
+                });
             }
             _ => return Err(Error::Missing { view, what: "features" }),
         }

@@ -61,7 +61,7 @@ pub(crate) fn check_depth(
     if with_depth == 0 && ratios.is_empty() {
         return None;
     }
-    let share = |count: usize, of: usize| (of > 0).then(|| count as f64 / of as f64);
+    let share = |count: usize, total: usize| (total > 0).then(|| count as f64 / total as f64);
     let consistent = differences.iter().filter(|d| **d <= CONSISTENT).count();
     let unoccluded: Vec<f64> = differences.iter().copied().filter(|d| *d <= OCCLUDED).collect();
     let mut summary = DepthSummary {

@@ -127,10 +127,10 @@ mod tests {
         #[test]
         fn world_points_lie_on_their_lines(
             (first, second) in cameras(),
-            at in prop::array::uniform2(20.0f64..220.0),
+            coordinates in prop::array::uniform2(20.0f64..220.0),
             depth in 2.0f64..20.0,
         ) {
-            let pixel = DVec2::from_array(at);
+            let pixel = DVec2::from_array(coordinates);
             let world = first.position + first.axes * (first.inverse_matrix() * pixel.extend(1.0)) * depth;
             let seen = second.axes.transpose() * (world - second.position);
             prop_assume!(seen.z > 0.5);
@@ -150,11 +150,11 @@ mod tests {
         #[test]
         fn distances_are_pixels_and_symmetric(
             (first, second) in cameras(),
-            at in prop::array::uniform2(20.0f64..220.0),
+            coordinates in prop::array::uniform2(20.0f64..220.0),
             off in 0.1f64..50.0,
         ) {
             let matrix = fundamental(&first, &second);
-            let a = DVec2::from_array(at);
+            let a = DVec2::from_array(coordinates);
             let line = matrix * a.extend(1.0);
             let normal = line.truncate() / line.truncate().length();
             prop_assume!(normal.is_finite());

@@ -99,12 +99,12 @@ impl Gradients {
         let smooth = picture.smoothed();
         let (width, height) = (smooth.width, smooth.height);
         let (mut dx, mut dy) = (vec![0.0; width * height], vec![0.0; width * height]);
-        let at = |i: usize| f32::from(smooth.data[i]);
+        let value = |i: usize| f32::from(smooth.data[i]);
         for y in 1..height.saturating_sub(1) {
             for x in 1..width.saturating_sub(1) {
                 let i = y * width + x;
-                dx[i] = 0.5 * (at(i + 1) - at(i - 1));
-                dy[i] = 0.5 * (at(i + width) - at(i - width));
+                dx[i] = 0.5 * (value(i + 1) - value(i - 1));
+                dy[i] = 0.5 * (value(i + width) - value(i - width));
             }
         }
         Self { width, height, dx, dy }
@@ -178,8 +178,9 @@ impl Gradients {
         let mut out = vec![0.0; values.len()];
         for y in 2..height - 2 {
             for x in 0..width {
-                let at = |offset: usize| rows[(y + offset - 2) * width + x];
-                out[y * width + x] = (at(0) + at(4) + 4.0 * (at(1) + at(3)) + 6.0 * at(2)) / 16.0;
+                let value = |offset: usize| rows[(y + offset - 2) * width + x];
+                out[y * width + x] =
+                    (value(0) + value(4) + 4.0 * (value(1) + value(3)) + 6.0 * value(2)) / 16.0;
             }
         }
         out

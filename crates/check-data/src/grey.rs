@@ -44,9 +44,9 @@ impl Grey {
         }
         let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f32, y - row as f32);
-        let at = row * self.width + column;
-        let [a, b] = [self.data[at], self.data[at + 1]].map(f32::from);
-        let [c, d] = [self.data[at + self.width], self.data[at + self.width + 1]].map(f32::from);
+        let index = row * self.width + column;
+        let [a, b] = [self.data[index], self.data[index + 1]].map(f32::from);
+        let [c, d] = [self.data[index + self.width], self.data[index + self.width + 1]].map(f32::from);
         let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
         Some(top + (bottom - top) * fy)
     }
@@ -57,9 +57,9 @@ impl Grey {
         let (width, height) = (self.width, self.height);
         let mut rows = vec![0u16; width * height];
         for (row, out) in self.data.chunks_exact(width).zip(rows.chunks_exact_mut(width)) {
-            let at = |x: isize| u16::from(row[x.clamp(0, width as isize - 1) as usize]);
+            let value = |x: isize| u16::from(row[x.clamp(0, width as isize - 1) as usize]);
             for (x, out) in (0isize..).zip(out) {
-                *out = at(x - 2) + at(x + 2) + 4 * (at(x - 1) + at(x + 1)) + 6 * at(x);
+                *out = value(x - 2) + value(x + 2) + 4 * (value(x - 1) + value(x + 1)) + 6 * value(x);
             }
         }
         let mut data = Vec::with_capacity(width * height);

@@ -155,9 +155,9 @@ mod tests {
 
     #[test]
     fn groups_are_sorted_by_size() {
-        let (of, sizes) = groups(7, &[[1, 2], [2, 3], [5, 6]]);
+        let (labels, sizes) = groups(7, &[[1, 2], [2, 3], [5, 6]]);
         assert_eq!(sizes, [3, 2, 1, 1]);
-        assert_eq!(of, [2, 0, 0, 0, 3, 1, 1]);
+        assert_eq!(labels, [2, 0, 0, 0, 3, 1, 1]);
         assert_eq!(groups(0, &[]), (vec![], vec![]));
     }
 }

@@ -236,12 +236,12 @@ fn match_all(
         let (Some(features_a), Some(features_b)) = (a.features.as_ref(), b.features.as_ref()) else {
             return None;
         };
-        let straighten = |which: usize, at: DVec2| {
+        let straighten = |which: usize, pixel: DVec2| {
             let Scan { lens, step, .. } = pair[which]?;
             if lens.model.is_pinhole() {
-                return Some(at);
+                return Some(pixel);
             }
-            let direction = lens.undistort(at * *step as f64)?;
+            let direction = lens.undistort(pixel * *step as f64)?;
             let Intrinsics { fx, fy, cx, cy, .. } = lens.intrinsics;
             // Far out of the axis a pinhole stretches what is a pixel beyond use.
             let usable = direction.length() < MAX_TANGENT;

@@ -76,16 +76,16 @@ fn mutual(first: &[Feature], second: &[Feature]) -> Vec<(usize, usize)> {
                 *best = (*value, i);
             }
         }
-        let (mut best, mut at) = (i32::MIN, 0);
+        let (mut best, mut partner) = (i32::MIN, 0);
         for (j, &value) in row.iter().enumerate() {
             if value > best {
-                (best, at) = (value, j);
+                (best, partner) = (value, j);
             }
         }
-        let apart = |j: usize| second[j].position.distance(second[at].position) > SAME_CORNER;
+        let apart = |j: usize| second[j].position.distance(second[partner].position) > SAME_CORNER;
         let others = row.iter().enumerate().filter(|&(j, &value)| value > best / 2 && apart(j));
         let runner_up = others.map(|(_, &value)| value).max().unwrap_or(best / 2);
-        nearest.push((at, passes_ratio(best, runner_up)));
+        nearest.push((partner, passes_ratio(best, runner_up)));
     }
     let is_mutual = |&(i, &(j, passes)): &(usize, &(usize, bool))| passes && best_of_second[j].1 == i;
     nearest.iter().enumerate().filter(is_mutual).map(|(i, &(j, _))| (i, j)).collect()
@@ -165,16 +165,16 @@ impl Patch {
         if !inside {
             return None;
         }
-        let at = |column: isize, row: isize| {
+        let sample = |column: isize, row: isize| {
             let (column, row) = (x.strict_add_signed(column), y.strict_add_signed(row));
             f32::from(level.data[row * level.width + column])
         };
         let mut values = [0.0; SAMPLES];
         let mut slopes = Vec::with_capacity(SAMPLES);
         for (value, (column, row)) in values.iter_mut().zip(offsets()) {
-            *value = at(column, row);
-            let dx = 0.5 * (at(column + 1, row) - at(column - 1, row));
-            let dy = 0.5 * (at(column, row + 1) - at(column, row - 1));
+            *value = sample(column, row);
+            let dx = 0.5 * (sample(column + 1, row) - sample(column - 1, row));
+            let dy = 0.5 * (sample(column, row + 1) - sample(column, row - 1));
             let (column, row) = (column as f32, row as f32);
             slopes.push([dx, dy, dx * column, dx * row, dy * column, dy * row]);
         }
@@ -196,9 +196,9 @@ impl Patch {
         }
         normalise(&mut values)?;
         let mut correlation = 0.0;
-        for (value, own) in values.iter_mut().zip(&self.values) {
-            correlation += *value * own;
-            *value -= own;
+        for (value, reference) in values.iter_mut().zip(&self.values) {
+            correlation += *value * reference;
+            *value -= reference;
         }
         Some((values, correlation))
     }

@@ -87,9 +87,9 @@ mod tests {
 
     fn line(count: usize) -> Vec<Option<Posed>> {
         let intrinsics = Intrinsics { fx: 10.0, fy: 10.0, cx: 5.0, cy: 5.0, width: 10, height: 10 };
-        let at =
+        let camera =
             |i: usize| Posed { intrinsics, axes: DMat3::IDENTITY, position: DVec3::X * (0.1 * i as f64) };
-        (0..count).map(|i| Some(at(i))).collect()
+        (0..count).map(|i| Some(camera(i))).collect()
     }
 
     #[test]

@@ -121,8 +121,8 @@ impl Tally {
     /// Median and 90 % of the distances; sorts them.
     pub(crate) fn quantiles(&mut self) -> (Option<f64>, Option<f64>) {
         self.distances.sort_by(f64::total_cmp);
-        let at = |share: f64| quantile(&self.distances, share);
-        (at(0.5), at(0.9))
+        let distance = |share: f64| quantile(&self.distances, share);
+        (distance(0.5), distance(0.9))
     }
 
     fn share_in_front(&self) -> Option<f64> {
@@ -193,7 +193,7 @@ mod tests {
     /// Cameras on a bent path around the origin, turned all ways a hand turns them.
     pub(crate) fn path(count: usize) -> Vec<Posed> {
         let intrinsics = Intrinsics { fx: 300.0, fy: 305.0, cx: 155.0, cy: 125.0, width: 320, height: 240 };
-        let at = |i: usize| {
+        let camera = |i: usize| {
             let t = i as f64 / count as f64;
             let position =
                 DVec3::new(3.0 * (1.5 * t).sin(), 0.4 * (7.0 * t).sin() + 1.0, -4.0 * (1.5 * t).cos());
@@ -201,7 +201,7 @@ mod tests {
             let x = DVec3::new(0.1 * (9.0 * t).sin(), 1.0, 0.05).cross(z).normalize();
             Posed { intrinsics, axes: DMat3::from_cols(x, z.cross(x), z), position }
         };
-        (0..count).map(at).collect()
+        (0..count).map(camera).collect()
     }
 
     /// What the cameras see of points around the origin, without noise.

@@ -202,8 +202,8 @@ pub(crate) struct Counter<'a, F: Fn(CheckStep) + Sync> {
 }
 
 impl<'a, F: Fn(CheckStep) + Sync> Counter<'a, F> {
-    pub(crate) fn new(stage: CheckStage, of: usize, on_step: &'a F) -> Self {
-        Self { stage, of, done: AtomicUsize::new(0), on_step }
+    pub(crate) fn new(stage: CheckStage, total: usize, on_step: &'a F) -> Self {
+        Self { stage, of: total, done: AtomicUsize::new(0), on_step }
     }
 
     pub(crate) fn advance(&self) {

@@ -112,9 +112,9 @@ pub(crate) fn judge_frames(evidence: &Evidence, judged: &mut Judged, findings: &
 fn exchanged(posed: &[Option<Posed>], pairs: &[PairMatches], a: usize, b: usize, bound: f64) -> bool {
     let mut trial = posed.to_vec();
     trial.swap(a, b);
-    let medians = |frame: usize, of: &[Option<Posed>]| {
-        let own = pairs.iter().filter(|pair| pair.first == frame || pair.second == frame);
-        median(own.filter_map(|pair| pair_median(of, pair)).collect())
+    let medians = |frame: usize, poses: &[Option<Posed>]| {
+        let frame_pairs = pairs.iter().filter(|pair| pair.first == frame || pair.second == frame);
+        median(frame_pairs.filter_map(|pair| pair_median(poses, pair)).collect())
     };
     [a, b].into_iter().all(|frame| medians(frame, &trial).is_some_and(|value| value <= bound))
 }

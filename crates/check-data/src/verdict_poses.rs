@@ -98,8 +98,8 @@ fn judge_readings(
     let as_read = scores[0];
     let here = as_read.median.unwrap_or(f64::INFINITY);
     let sensible = |score: &&ReadingScore| score.in_front.is_none_or(|share| share >= IN_FRONT);
-    let of = |score: &ReadingScore| score.median.unwrap_or(f64::INFINITY);
-    let best = scores[1..].iter().filter(sensible).min_by(|a, b| of(a).total_cmp(&of(b)));
+    let distance = |score: &ReadingScore| score.median.unwrap_or(f64::INFINITY);
+    let best = scores[1..].iter().filter(sensible).min_by(|a, b| distance(a).total_cmp(&distance(b)));
     let faces_away = !sensible(&&as_read);
     let figures = format!(
         "epipolar distance {} px (median / 90 %) over {} matches of {} pairs{}",
@@ -115,7 +115,7 @@ fn judge_readings(
     let explains = |score: &ReadingScore| {
         // Where the scene lies behind the cameras as read, a reading that is equal otherwise is better.
         let bound = if faces_away { AS_GOOD * here.max(GOOD / AS_GOOD) } else { EXPLAINS * here };
-        of(score) <= bound && of(score) <= POOR && (here > GOOD || faces_away)
+        distance(score) <= bound && distance(score) <= POOR && (here > GOOD || faces_away)
     };
     if let Some(best) = best.filter(|score| explains(score)) {
         let text = format!(
@@ -160,7 +160,7 @@ fn judge_readings(
         );
         findings.push(finding(Severity::Warning, "poses", "pose-accuracy", text));
     } else {
-        let others = scores[1..].iter().filter(sensible).map(of).fold(f64::INFINITY, f64::min);
+        let others = scores[1..].iter().filter(sensible).map(distance).fold(f64::INFINITY, f64::min);
         let margin = if others.is_finite() {
             format!("; the best of {} usual misreadings gives {others:.1} px", scores.len() - 1)
         } else {
@@ -174,7 +174,7 @@ fn judge_readings(
     let alike: Vec<&str> = scores[1..]
         .iter()
         .filter(sensible)
-        .filter(|score| of(score) <= AS_GOOD * here)
+        .filter(|score| distance(score) <= AS_GOOD * here)
         .map(|score| meaning(score.reading))
         .collect();
     if !alike.is_empty() {

@@ -277,7 +277,7 @@ pub(crate) fn judge_overlap(
     let large: Vec<usize> = groups.iter().copied().filter(|&size| size > 1).collect();
     if large.len() > 1 {
         let firsts =
-            (0..large.len()).filter_map(|g| overlap.component.iter().position(|&of| of == g)).map(name);
+            (0..large.len()).filter_map(|g| overlap.component.iter().position(|&group| group == g)).map(name);
         let text = format!(
             "the frames fall into {} groups that share too little to be joined, of {} frames; they begin \
              with {}: reconstruct them \

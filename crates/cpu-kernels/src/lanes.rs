@@ -101,22 +101,22 @@ macro_rules! vector {
                 Self::splat(self.simd, number)
             }
 
-            /// Vector number `at` of a column.
+            /// Vector number `index` of a column.
             ///
             /// # Panics
             /// If the column ends before it does.
             #[inline(always)]
-            pub fn load(simd: S, column: &[$number], at: usize) -> Self {
-                Self { simd, value: S::$as_simd(column).0[at] }
+            pub fn load(simd: S, column: &[$number], index: usize) -> Self {
+                Self { simd, value: S::$as_simd(column).0[index] }
             }
 
-            /// Writes vector number `at` of a column.
+            /// Writes vector number `index` of a column.
             ///
             /// # Panics
             /// If the column ends before it does.
             #[inline(always)]
-            pub fn store(self, column: &mut [$number], at: usize) {
-                S::$as_mut_simd(column).0[at] = self.value;
+            pub fn store(self, column: &mut [$number], index: usize) {
+                S::$as_mut_simd(column).0[index] = self.value;
             }
 
             /// self · factor + term, fused where the instruction set can.
@@ -178,22 +178,22 @@ vector!(
 );
 
 impl<S: Lanes> F64s<S> {
-    /// Vector number `at` of a column of f32.
+    /// Vector number `index` of a column of f32.
     ///
     /// # Panics
     /// If the column ends before it does.
     #[inline(always)]
-    pub fn widen(simd: S, column: &[f32], at: usize) -> Self {
-        Self { simd, value: simd.widen(&column[at * Self::LANES..][..Self::LANES]) }
+    pub fn widen(simd: S, column: &[f32], index: usize) -> Self {
+        Self { simd, value: simd.widen(&column[index * Self::LANES..][..Self::LANES]) }
     }
 
-    /// Writes vector number `at` of a column of f32.
+    /// Writes vector number `index` of a column of f32.
     ///
     /// # Panics
     /// If the column ends before it does.
     #[inline(always)]
-    pub fn narrow(self, column: &mut [f32], at: usize) {
-        self.simd.narrow(self.value, &mut column[at * Self::LANES..][..Self::LANES]);
+    pub fn narrow(self, column: &mut [f32], index: usize) {
+        self.simd.narrow(self.value, &mut column[index * Self::LANES..][..Self::LANES]);
     }
 
     /// The set of this vector.
@@ -283,13 +283,13 @@ impl<S: Lanes> U64s<S> {
         Self { simd, value: simd.splat_u64s(number) }
     }
 
-    /// Writes vector number `at` of a column.
+    /// Writes vector number `index` of a column.
     ///
     /// # Panics
     /// If the column ends before it does.
     #[inline(always)]
-    pub fn store(self, column: &mut [u64], at: usize) {
-        S::as_mut_simd_u64s(column).0[at] = self.value;
+    pub fn store(self, column: &mut [u64], index: usize) {
+        S::as_mut_simd_u64s(column).0[index] = self.value;
     }
 
     /// The numbers with these bits.

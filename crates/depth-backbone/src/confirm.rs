@@ -62,27 +62,27 @@ fn usual(agreed: &[(u8, f32)]) -> (f32, f32) {
     }
     let beyond = (UNUSUAL * known.len() as f32) as usize;
     let last = known.len() - 1;
-    let mut at = |rank: usize| *known.select_nth_unstable_by(rank, f32::total_cmp).1;
-    (at(beyond), at(last - beyond))
+    let mut order_statistic = |rank: usize| *known.select_nth_unstable_by(rank, f32::total_cmp).1;
+    (order_statistic(beyond), order_statistic(last - beyond))
 }
 
 /// How many of the views into whose pictures the point of a pixel falls do not see it there. A confirmed surface before the point may truly
 /// hide it, so it counts [`HIDDEN`].
 fn disagreeing<'a>(
-    of: usize,
+    index: usize,
     matched: &'a [Matched],
     inverse_depths: &'a [Vec<f32>],
     agreed: &'a [Vec<(u8, f32)>],
     planes: &'a Planes,
 ) -> impl Fn(usize) -> f32 + 'a {
-    let witnesses: Vec<_> = witness_views(of, matched, planes)
+    let witnesses: Vec<_> = witness_views(index, matched, planes)
         .map(|other| &agreed[other])
-        .zip(witnesses(of, matched, inverse_depths, planes))
+        .zip(witnesses(index, matched, inverse_depths, planes))
         .collect();
-    let width = matched[of].texture.width;
+    let width = matched[index].texture.width;
     move |pixel| {
         let (u, v) = ((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
-        let w = inverse_depths[of][pixel];
+        let w = inverse_depths[index][pixel];
         let weight = |(agreed, witness): &(&Vec<(u8, f32)>, Witness)| match witness.order(u, v, w, planes) {
             Some((pixel, Ordering::Less)) if agreed[pixel].0 > 0 => HIDDEN,
             Some((_, Ordering::Less | Ordering::Greater)) => 1.0,

@@ -90,9 +90,9 @@ impl<'a> Witness<'a> {
             Ordering::Less => Opinion::Hidden,
             Ordering::Equal => {
                 // The other surface at this pixel is locally parallel to the point's: shift the point, not the pixel.
-                let own = self.inverse_depth[y * self.width + x];
-                let h = self.from.project(x as f32 + 0.5, y as f32 + 0.5, own);
-                let back = own / h.z;
+                let inverse_depth = self.inverse_depth[y * self.width + x];
+                let h = self.from.project(x as f32 + 0.5, y as f32 + 0.5, inverse_depth);
+                let back = inverse_depth / h.z;
                 Opinion::Agrees(if back.is_finite() && back > 0.0 { back } else { w })
             }
         }
@@ -100,11 +100,11 @@ impl<'a> Witness<'a> {
 
     /// Whether a point that a pixel of the other view sees at inverse depth `seen` is nearer than the surface there, farther, or on it.
     fn compare(&self, pixel: usize, seen: f32, planes: &Planes) -> Ordering {
-        let own = self.inverse_depth[pixel];
+        let inverse_depth = self.inverse_depth[pixel];
         let tolerance = (RELATIVE_TOLERANCE * seen).max(STEP_TOLERANCE * planes.step());
-        if seen > own + tolerance {
+        if seen > inverse_depth + tolerance {
             Ordering::Greater
-        } else if seen < own - tolerance {
+        } else if seen < inverse_depth - tolerance {
             Ordering::Less
         } else {
             Ordering::Equal
@@ -156,7 +156,7 @@ pub(crate) fn contradicted(
             }
             floats |= order == Ordering::Greater;
             let other = witness.colour(pixel);
-            let sum: f32 = colour.iter().zip(other).map(|(own, other)| (own - other).abs()).sum();
+            let sum: f32 = colour.iter().zip(other).map(|(value, other)| (value - other).abs()).sum();
             differences.push(sum / 3.0);
         }
         if differences.is_empty() {

@@ -65,7 +65,7 @@ fn no_longer_than(side: usize, views: &[View]) -> Result<Vec<View>> {
 
 /// For each camera up to four others that look the same way (within 60 degrees), nearest first.
 fn neighbours(cameras: &[Camera]) -> Vec<Vec<usize>> {
-    let of = |i: usize| {
+    let neighbourhood = |i: usize| {
         let distance = |j: usize| cameras[i].position().distance(cameras[j].position());
         // Poses that turn in one place differ by the rounding of R and t.
         let apart = |j: usize| distance(j) > SAME_PLACE * cameras[i].translation().length();
@@ -81,7 +81,7 @@ fn neighbours(cameras: &[Camera]) -> Vec<Vec<usize>> {
         others.truncate(4);
         others
     };
-    (0..cameras.len()).map(of).collect()
+    (0..cameras.len()).map(neighbourhood).collect()
 }
 
 /// Smallest (over the views, of their nearest neighbour) and largest focal length times baseline: pixels of disparity
@@ -111,15 +111,20 @@ fn confirmed(views: &[View], sources: &[Vec<usize>], planes: &Planes) -> Result<
     let needed = CONFIRMATIONS.min(views.len().saturating_sub(1).try_into().unwrap_or(u8::MAX));
     let believed = |i: usize| -> Vec<f32> {
         let view = &matched[i];
-        let own = &inverse_depths[i];
-        let agreed =
-            consistency::agree(view.view, own, &witnesses(i, &matched, &inverse_depths, planes), planes);
-        let costs = surface_costs(isa, view.reference(), &view.sources(&matched), own, planes.ends());
-        (0..own.len())
+        let inverse_depth = &inverse_depths[i];
+        let agreed = consistency::agree(
+            view.view,
+            inverse_depth,
+            &witnesses(i, &matched, &inverse_depths, planes),
+            planes,
+        );
+        let costs =
+            surface_costs(isa, view.reference(), &view.sources(&matched), inverse_depth, planes.ends());
+        (0..inverse_depth.len())
             .filter(|&p| {
                 agreed[p].0 >= needed && costs[p] < GOOD_COST && view.statistics.deviation(p) > TEXTURED
             })
-            .map(|p| own[p])
+            .map(|p| inverse_depth[p])
             .collect()
     };
     let mut all: Vec<f32> = (0..views.len()).into_par_iter().flat_map_iter(believed).collect();
@@ -127,6 +132,6 @@ fn confirmed(views: &[View], sources: &[Vec<usize>], planes: &Planes) -> Result<
         return Err(Error::RangeUnknown { reason: "too few matches that several views confirm" });
     }
     all.sort_by(f32::total_cmp);
-    let at = |part: f64| f64::from(all[((all.len() - 1) as f64 * part).round() as usize]);
-    Ok((at(TAIL), at(1.0 - TAIL).max(at(TAIL) * 1.05)))
+    let quantile = |part: f64| f64::from(all[((all.len() - 1) as f64 * part).round() as usize]);
+    Ok((quantile(TAIL), quantile(1.0 - TAIL).max(quantile(TAIL) * 1.05)))
 }

@@ -174,21 +174,21 @@ mod tests {
         let depth = DepthMap::new(6, 4, (1..25).map(|i| i as f32).collect()).unwrap();
         let confidence: Vec<f32> = (0..24).map(|i| i as f32 / 24.0).collect();
         let geometry = geometry(depth, &confidence, 0.3);
-        let of = |view: &View| geometry.feature_map(view).unwrap().unwrap().into_owned();
+        let feature_map = |view: &View| geometry.feature_map(view).unwrap().unwrap().into_owned();
         let (dark, bright) = (view(6, 4, data(0.5)), view(6, 4, data(1.0)));
         let some = [17, 3, 3, 20];
         let found = geometry.bank_at(&dark, &some).unwrap().unwrap();
-        let dense = of(&dark);
+        let dense = feature_map(&dark);
         let expected = some.iter().flat_map(|&pixel| (0..32).map(move |channel| (channel, pixel as usize)));
         assert!(found.iter().eq(expected.map(|(channel, pixel)| &dense.channel(channel)[pixel])));
-        assert_ne!(of(&dark).data(), of(&bright).data());
+        assert_ne!(feature_map(&dark).data(), feature_map(&bright).data());
         assert_eq!(geometry.features.as_ref().map(|f| (f.channels(), f.schema())), Some((32, "s")));
         assert!(geometry.feature_map(&view(4, 6, data(1.0))).is_err());
         let short = ViewGeometry { confidence: vec![1.0; 23], ..geometry.clone() };
         assert!(short.feature_map(&bright).unwrap_err().to_string().contains("confidence"));
         geometry.follows_colours().unwrap();
 
-        let network = of(&dark).with_schema("a network's");
+        let network = feature_map(&dark).with_schema("a network's");
         let geometry = ViewGeometry { features: Some(Features::Map(network.clone())), ..geometry };
         assert_eq!(geometry.feature_map(&bright).unwrap().as_deref(), Some(&network));
         assert!(geometry.bank_at(&bright, &some).unwrap().is_none());

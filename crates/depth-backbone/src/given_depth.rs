@@ -27,8 +27,8 @@ impl GivenDepth {
             return Err(Error::NothingMeasured);
         }
         all.sort_unstable_by(f32::total_cmp);
-        let at = |part: f64| f64::from(all[((all.len() - 1) as f64 * part).round() as usize]);
-        Ok((at(0.005), at(0.995)))
+        let quantile = |part: f64| f64::from(all[((all.len() - 1) as f64 * part).round() as usize]);
+        Ok((quantile(0.005), quantile(0.995)))
     }
 }
 

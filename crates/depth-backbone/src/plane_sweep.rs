@@ -77,9 +77,9 @@ impl<'v> Matched<'v> {
 
     /// The views that it is matched with.
     pub(crate) fn sources<'a>(&self, all: &'a [Matched]) -> Vec<Source<'a>> {
-        let source = |&of: &usize| Source {
-            texture: &all[of].texture,
-            pair: Pair::new(self.view.camera(), all[of].view.camera()),
+        let source = |&index: &usize| Source {
+            texture: &all[index].texture,
+            pair: Pair::new(self.view.camera(), all[index].view.camera()),
         };
         self.sources.iter().map(source).collect()
     }
@@ -212,25 +212,29 @@ fn check(views: &[View]) -> Result<()> {
 }
 
 /// Whether a view sees the middle of the range from elsewhere than another one. What is seen from the same place agrees at any depth.
-pub(crate) fn has_parallax(of: usize, other: usize, matched: &[Matched], planes: &Planes) -> bool {
+pub(crate) fn has_parallax(index: usize, other: usize, matched: &[Matched], planes: &Planes) -> bool {
     let position = |view: usize| matched[view].view.camera().position();
-    position(of).distance(position(other)) * planes.inverse_depth_at(0.5) > LEAST_PARALLAX
+    position(index).distance(position(other)) * planes.inverse_depth_at(0.5) > LEAST_PARALLAX
 }
 
 /// Numbers of the other views that can judge a view's depth …
-pub(crate) fn witness_views(of: usize, matched: &[Matched], planes: &Planes) -> impl Iterator<Item = usize> {
-    (0..matched.len()).filter(move |&other| other != of && has_parallax(of, other, matched, planes))
+pub(crate) fn witness_views(
+    index: usize,
+    matched: &[Matched],
+    planes: &Planes,
+) -> impl Iterator<Item = usize> {
+    (0..matched.len()).filter(move |&other| other != index && has_parallax(index, other, matched, planes))
 }
 
 /// … and what they saw.
 pub(crate) fn witnesses<'a>(
-    of: usize,
+    index: usize,
     matched: &'a [Matched],
     inverse_depths: &'a [Vec<f32>],
     planes: &Planes,
 ) -> Vec<Witness<'a>> {
-    witness_views(of, matched, planes)
-        .map(|other| Witness::new(matched[of].view, matched[other].view, &inverse_depths[other]))
+    witness_views(index, matched, planes)
+        .map(|other| Witness::new(matched[index].view, matched[other].view, &inverse_depths[other]))
         .collect()
 }
 

@@ -70,7 +70,7 @@ fn advance<S: Simd>(
     let from = &previous.costs[start..][..planes + 2];
     let n = planes / S::U16_LANES;
     let before = &S::as_simd_u16s(&from[..planes]).0[..n];
-    let at = &S::as_simd_u16s(&from[1..][..planes]).0[..n];
+    let middle = &S::as_simd_u16s(&from[1..][..planes]).0[..n];
     let after = &S::as_simd_u16s(&from[2..]).0[..n];
     let costs = &S::as_simd_u16s(costs).0[..n];
     let out = &mut S::as_mut_simd_u16s(&mut next.costs[planes + 2..][..planes]).0[..n];
@@ -81,7 +81,7 @@ fn advance<S: Simd>(
     let mut smallest = simd.splat_u16s(u16::MAX);
     for i in 0..n {
         let neighbours = simd.add_u16s(simd.min_u16s(before[i], after[i]), step);
-        let best = simd.min_u16s(simd.min_u16s(at[i], neighbours), ceiling);
+        let best = simd.min_u16s(simd.min_u16s(middle[i], neighbours), ceiling);
         let value = simd.add_u16s(costs[i], simd.sub_u16s(best, minimum));
         out[i] = value;
         sums[i] = simd.add_u16s(sums[i], value);
@@ -190,23 +190,23 @@ pub(crate) fn winners(sums: &[u16], planes: usize, count: usize) -> Vec<f32> {
 
 /// How far the least sum of every pixel lies below their mean, as a share of the largest matching costs of eight paths.
 pub(crate) fn distinctness(sums: &[u16], planes: usize, count: usize) -> Vec<f32> {
-    let of = |sums: &[u16]| {
+    let share = |sums: &[u16]| {
         let least = sums.iter().copied().min().unwrap_or(0);
         let mean = sums.iter().map(|&sum| f32::from(sum)).sum::<f32>() / sums.len() as f32;
         (mean - f32::from(least)) / (8.0 * COST_LEVELS)
     };
-    sums.chunks_exact(planes).map(|sums| of(&sums[..count])).collect()
+    sums.chunks_exact(planes).map(|sums| share(&sums[..count])).collect()
 }
 
 fn winner(sums: &[u16]) -> f32 {
     let least = sums.iter().fold(u16::MAX, |least, &sum| least.min(sum));
     let best = sums.iter().position(|&sum| sum == least).unwrap_or(0);
-    let at = |i: usize| f32::from(sums[i]);
+    let cost = |i: usize| f32::from(sums[i]);
     if best == 0 || best + 1 == sums.len() {
         return best as f32;
     }
-    let curvature = at(best - 1) - 2.0 * at(best) + at(best + 1);
-    let shift = if curvature > 0.0 { 0.5 * (at(best - 1) - at(best + 1)) / curvature } else { 0.0 };
+    let curvature = cost(best - 1) - 2.0 * cost(best) + cost(best + 1);
+    let shift = if curvature > 0.0 { 0.5 * (cost(best - 1) - cost(best + 1)) / curvature } else { 0.0 };
     best as f32 + shift.clamp(-0.5, 0.5)
 }
 
@@ -230,8 +230,8 @@ mod tests {
                 let inside = (0..width as isize).contains(&px) && (0..height).contains(&py);
                 let from = (py * width as isize + px) as usize;
                 for d in 0..planes {
-                    let own = i32::from(cost[pixel * planes + d]);
-                    path[pixel * planes + d] = own;
+                    let own_cost = i32::from(cost[pixel * planes + d]);
+                    path[pixel * planes + d] = own_cost;
                     if inside {
                         let last = &path[from * planes..][..planes];
                         let minimum = *last.iter().min().unwrap();

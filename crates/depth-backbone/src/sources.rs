@@ -63,7 +63,7 @@ mod tests {
     #[test]
     fn prefers_a_useful_angle_to_the_nearest_camera_and_drops_the_blind() {
         let lens = Intrinsics { fx: 300.0, fy: 300.0, cx: 160.0, cy: 120.0, width: 320, height: 240 };
-        let at = |degrees: f64| {
+        let camera = |degrees: f64| {
             let angle = degrees.to_radians();
             let position = DVec3::new(3.0 * angle.sin(), 0.0, -3.0 * angle.cos());
             Camera::looking_at(lens, position, DVec3::ZERO, DVec3::NEG_Y).unwrap()
@@ -71,7 +71,7 @@ mod tests {
         let away =
             Camera::looking_at(lens, DVec3::new(0.0, 0.0, -3.0), DVec3::new(0.0, 0.0, -9.0), DVec3::NEG_Y);
         let planes = Planes::new(2.0, 5.0, 64).unwrap();
-        let cameras = [at(0.0), at(0.5), at(9.0), at(70.0), away.unwrap()];
+        let cameras = [camera(0.0), camera(0.5), camera(9.0), camera(70.0), away.unwrap()];
         assert_eq!(choose(&cameras, &planes, 4)[0], [2, 1, 3]);
         assert!(choose(&cameras, &planes, 4)[4].is_empty());
     }

@@ -169,10 +169,10 @@ fn within<S: Simd>(simd: S, u: S::f32s, half: S::f32s) -> S::m32s {
 #[inline(always)]
 fn place<S: Simd>(simd: S, u: S::f32s, half: S::f32s, last: S::f32s) -> (S::u32s, S::f32s) {
     let [zero, to_integer] = splat(simd, [0.0, TO_INTEGER]);
-    let at = simd.sub_f32s(u, half);
-    let at = select(simd, simd.greater_than_f32s(at, zero), simd.min_f32s(at, last), zero);
-    let rounded = simd.add_f32s(simd.max_f32s(simd.sub_f32s(at, half), zero), to_integer);
-    (cast(rounded), simd.sub_f32s(at, simd.sub_f32s(rounded, to_integer)))
+    let position = simd.sub_f32s(u, half);
+    let position = select(simd, simd.greater_than_f32s(position, zero), simd.min_f32s(position, last), zero);
+    let rounded = simd.add_f32s(simd.max_f32s(simd.sub_f32s(position, half), zero), to_integer);
+    (cast(rounded), simd.sub_f32s(position, simd.sub_f32s(rounded, to_integer)))
 }
 
 #[cfg(test)]

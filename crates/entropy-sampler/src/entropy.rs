@@ -125,8 +125,8 @@ struct Steps {
 
 impl Steps {
     fn new(size: usize) -> Self {
-        let of = |c: usize| (c as f64 * (c as f64).max(1.0).log2() * ONE).round() as u64;
-        let whole: Vec<u64> = (0..=size * size).map(of).collect();
+        let term = |c: usize| (c as f64 * (c as f64).max(1.0).log2() * ONE).round() as u64;
+        let whole: Vec<u64> = (0..=size * size).map(term).collect();
         let up = whole.windows(2).map(|pair| (pair[1] - pair[0]) as u32).collect();
         Self { whole, up }
     }

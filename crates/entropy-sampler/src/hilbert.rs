@@ -27,12 +27,12 @@ impl Walk {
             self.order.push((low[1] * self.width + low[0]) as u32);
             return;
         }
-        let at = |s: i64, t: i64| [0, 1].map(|i| o[i] + (s * a[i] + t * b[i]) / 2);
+        let point = |s: i64, t: i64| [0, 1].map(|i| o[i] + (s * a[i] + t * b[i]) / 2);
         let half = |v: [i64; 2], sign: i64| v.map(|c| sign * c / 2);
         self.square(o, half(b, 1), half(a, 1));
-        self.square(at(0, 1), half(a, 1), half(b, 1));
-        self.square(at(1, 1), half(a, 1), half(b, 1));
-        self.square(at(2, 1), half(b, -1), half(a, -1));
+        self.square(point(0, 1), half(a, 1), half(b, 1));
+        self.square(point(1, 1), half(a, 1), half(b, 1));
+        self.square(point(2, 1), half(b, -1), half(a, -1));
     }
 }
 

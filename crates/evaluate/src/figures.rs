@@ -36,7 +36,7 @@ impl Seconds {
     }
 
     fn mean(all: &[Self]) -> Self {
-        Self::of_each(|of| mean(all.iter().map(of)))
+        Self::of_each(|value| mean(all.iter().map(value)))
     }
 
     /// Every time from the way to read it off.
@@ -100,7 +100,7 @@ impl Figures {
     /// The mean of each figure; of nothing it is NaN.
     #[must_use]
     pub fn mean(all: &[Self]) -> Self {
-        let mean = |of: fn(&Self) -> f64| mean(all.iter().map(of));
+        let mean = |value: fn(&Self) -> f64| mean(all.iter().map(value));
         Self {
             gaussians: mean(|f| f.gaussians),
             gaussians_shell: mean(|f| f.gaussians_shell),
@@ -217,7 +217,7 @@ pub struct Spread {
 
 impl Spread {
     fn of(all: &[Figures]) -> Option<Self> {
-        let deviation = |of: fn(&Figures) -> f64| deviation(&all.iter().map(of).collect::<Vec<_>>());
+        let deviation = |value: fn(&Figures) -> f64| deviation(&all.iter().map(value).collect::<Vec<_>>());
         Some(Self {
             psnr_held_out: deviation(|f| f.psnr_held_out)?,
             ssim_held_out: deviation(|f| f.ssim_held_out)?,

@@ -129,7 +129,7 @@ impl Refinement {
     pub fn camera(&self, view: &View, context: &[View]) -> Camera {
         let given = view.camera();
         let same = context.iter().position(|other| other.camera().intrinsics() == given.intrinsics());
-        let Some(found) = same.and_then(|at| self.cameras.get(at)) else { return *given };
+        let Some(found) = same.and_then(|index| self.cameras.get(index)) else { return *given };
         let &Intrinsics { fx, fy, .. } = found.intrinsics();
         let lens = Intrinsics { fx, fy, ..*given.intrinsics() };
         Camera::new(lens, given.rotation(), given.translation()).unwrap_or(*given)

@@ -184,11 +184,11 @@ impl<'a> Activated<'a> {
         let (mut logs, mut logits) = ([0.0; 3 * BLOCK], [0.0; BLOCK]);
         logs.iter_mut().zip(self.scales).for_each(|(log, scale)| *log = ln(*scale));
         logits.iter_mut().zip(self.opacities).for_each(|(logit_of, opacity)| *logit_of = logit(*opacity));
-        for (at, geometry) in geometry.chunks_exact_mut(ROW).enumerate() {
-            geometry[MEAN].copy_from_slice(&self.means[3 * at..][..3]);
-            geometry[QUATERNION].copy_from_slice(&self.quats[4 * at..][..4]);
-            geometry[LOG_SCALE].copy_from_slice(&logs[3 * at..][..3]);
-            geometry[OPACITY_LOGIT] = logits[at];
+        for (index, geometry) in geometry.chunks_exact_mut(ROW).enumerate() {
+            geometry[MEAN].copy_from_slice(&self.means[3 * index..][..3]);
+            geometry[QUATERNION].copy_from_slice(&self.quats[4 * index..][..4]);
+            geometry[LOG_SCALE].copy_from_slice(&logs[3 * index..][..3]);
+            geometry[OPACITY_LOGIT] = logits[index];
         }
     }
 
@@ -287,27 +287,27 @@ impl<'a> Activated<'a> {
     fn fault_of(&self, gaussian: usize) -> Option<Error> {
         // Coefficients that are not used may hold anything.
         let used = sh_coefficients(self.kind.degree()) * 3;
-        let of = self.part(gaussian, 1);
+        let part = self.part(gaussian, 1);
         let arrays = [
-            ("means", of.means),
-            ("quats", of.quats),
-            ("scales", of.scales),
-            ("opacities", of.opacities),
-            ("colors", &of.colors[..used]),
+            ("means", part.means),
+            ("quats", part.quats),
+            ("scales", part.scales),
+            ("opacities", part.opacities),
+            ("colors", &part.colors[..used]),
         ];
         for (what, numbers) in arrays {
             if let Some(&found) = numbers.iter().find(|number| !number.is_finite()) {
                 return Some(Error::NotFinite { what, gaussian, found });
             }
         }
-        if let Some(&found) = of.scales.iter().find(|scale| **scale <= 0.0) {
+        if let Some(&found) = part.scales.iter().find(|scale| **scale <= 0.0) {
             return Some(Error::Scale { gaussian, found });
         }
-        let found = of.opacities[0];
+        let found = part.opacities[0];
         if !(0.0..=1.0).contains(&found) {
             return Some(Error::Opacity { gaussian, found });
         }
-        of.quats.iter().all(|q| *q == 0.0).then_some(Error::Quaternion { gaussian })
+        part.quats.iter().all(|q| *q == 0.0).then_some(Error::Quaternion { gaussian })
     }
 }
 

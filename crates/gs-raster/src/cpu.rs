@@ -324,11 +324,11 @@ mod tests {
     fn ellipsoids_are_the_same_on_every_instruction_set_within_rounding() {
         let (scene, camera) = scene();
         let settings = RenderSettings { style: Style::Ellipsoids, ..RenderSettings::default() };
-        let of = |isa| ellipsoids::render(&scene, &camera, &settings, isa).unwrap();
-        let expected = of(Isa::Scalar);
+        let rendering = |isa| ellipsoids::render(&scene, &camera, &settings, isa).unwrap();
+        let expected = rendering(Isa::Scalar);
         assert!(expected.image.data().iter().any(|value| *value > 0.1));
         for isa in Isa::available() {
-            for (found, expected) in of(isa).image.data().iter().zip(expected.image.data()) {
+            for (found, expected) in rendering(isa).image.data().iter().zip(expected.image.data()) {
                 assert!((found - expected).abs() < 1e-5, "{isa}: {found} {expected}");
             }
         }

@@ -121,11 +121,11 @@ impl Gradients {
         let (row, used) = (kind.row(), sh_coefficients(kind.degree()) * 3);
         let expected = (n * Gaussians::GEOMETRY, n * used);
         assert_eq!((self.geometry.len(), self.sh.len()), expected, "gradients of other Gaussians");
-        for (at, gradients) in self.geometry.chunks_exact(Gaussians::GEOMETRY).enumerate() {
-            found.means[3 * at..][..3].copy_from_slice(&gradients[MEAN]);
-            found.quats[4 * at..][..4].copy_from_slice(&gradients[QUATERNION]);
-            found.scales[3 * at..][..3].copy_from_slice(&gradients[LOG_SCALE]);
-            found.opacities[at] = gradients[OPACITY_LOGIT];
+        for (index, gradients) in self.geometry.chunks_exact(Gaussians::GEOMETRY).enumerate() {
+            found.means[3 * index..][..3].copy_from_slice(&gradients[MEAN]);
+            found.quats[4 * index..][..4].copy_from_slice(&gradients[QUATERNION]);
+            found.scales[3 * index..][..3].copy_from_slice(&gradients[LOG_SCALE]);
+            found.opacities[index] = gradients[OPACITY_LOGIT];
         }
         for (colors, sh) in found.colors.chunks_exact_mut(row).zip(self.sh.chunks_exact(used)) {
             colors[..used].copy_from_slice(sh);

@@ -150,23 +150,23 @@ mod tests {
     #[test]
     fn links_stay_and_their_targets_are_written() {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        fs::create_dir(at("deep")).unwrap();
-        fs::write(at("deep/target"), b"old").unwrap();
-        std::os::unix::fs::symlink("deep/target", at("second")).unwrap();
-        std::os::unix::fs::symlink("second", at("first")).unwrap();
-        std::os::unix::fs::symlink("deep/new", at("dangling")).unwrap();
-        std::os::unix::fs::symlink("circle", at("circle")).unwrap();
-        assert_eq!(links(&at("first")), [at("first"), at("second"), at("deep/target")]);
-        write_atomically(&at("first"), |w| w.write_all(b"new")).unwrap();
-        write_atomically(&at("dangling"), |w| w.write_all(b"made")).unwrap();
-        assert_eq!(fs::read(at("deep/target")).unwrap(), b"new");
-        assert_eq!(fs::read(at("deep/new")).unwrap(), b"made");
+        let path = |name: &str| folder.path().join(name);
+        fs::create_dir(path("deep")).unwrap();
+        fs::write(path("deep/target"), b"old").unwrap();
+        std::os::unix::fs::symlink("deep/target", path("second")).unwrap();
+        std::os::unix::fs::symlink("second", path("first")).unwrap();
+        std::os::unix::fs::symlink("deep/new", path("dangling")).unwrap();
+        std::os::unix::fs::symlink("circle", path("circle")).unwrap();
+        assert_eq!(links(&path("first")), [path("first"), path("second"), path("deep/target")]);
+        write_atomically(&path("first"), |w| w.write_all(b"new")).unwrap();
+        write_atomically(&path("dangling"), |w| w.write_all(b"made")).unwrap();
+        assert_eq!(fs::read(path("deep/target")).unwrap(), b"new");
+        assert_eq!(fs::read(path("deep/new")).unwrap(), b"made");
         for link in ["first", "second", "dangling"] {
-            assert!(at(link).is_symlink(), "{link}");
+            assert!(path(link).is_symlink(), "{link}");
         }
-        assert!(write_atomically(&at("circle"), |w| w.write_all(b"x")).is_err());
-        assert!(at("circle").is_symlink());
+        assert!(write_atomically(&path("circle"), |w| w.write_all(b"x")).is_err());
+        assert!(path("circle").is_symlink());
     }
 
     #[cfg(target_os = "linux")]

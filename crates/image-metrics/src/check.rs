@@ -62,12 +62,12 @@ fn within(
     let is_within = |value: f32| value.abs() <= limit;
     let block_is_within = |block: &[f32]| block.iter().fold(true, |all, &value| all & is_within(value));
     let part = values.par_chunks(PART).position_first(|part| !part.chunks(BLOCK).all(block_is_within));
-    let Some(at) = part.and_then(|part| (part * PART..values.len()).find(|&at| !is_within(values[at])))
+    let Some(index) = part.and_then(|part| (part * PART..values.len()).find(|&i| !is_within(values[i])))
     else {
         return Ok(());
     };
-    let (x, y) = (at / 3 % width, at / 3 / width);
-    Err(if values[at].is_finite() {
+    let (x, y) = (index / 3 % width, index / 3 / width);
+    Err(if values[index].is_finite() {
         Error::OutOfRange { picture, x, y, limit: LARGEST }
     } else {
         Error::NotFinite { picture, x, y }

@@ -40,14 +40,14 @@ pub fn psnr_colour_corrected(target: &Image, image: &Image) -> Result<f64> {
     same_size(target, image)?;
     finite("first", target.data(), target.width(), target.height(), 1)?;
     finite("second", image.data(), image.width(), image.height(), 1)?;
-    let of = |picture: &Image, channel: usize| -> Vec<f64> {
+    let samples = |picture: &Image, channel: usize| -> Vec<f64> {
         let values = picture.data()[channel..].iter().step_by(3);
         values.map(|value| f64::from(value.clamp(0.0, 1.0))).collect()
     };
     let mut squares = 0.0;
     let pixels = (target.data().len() / 3) as f64;
     for channel in 0..3 {
-        let (wanted, found) = (of(target, channel), of(image, channel));
+        let (wanted, found) = (samples(target, channel), samples(image, channel));
         let mean = |values: &[f64]| values.iter().sum::<f64>() / pixels;
         let (centre, from) = (mean(&wanted), mean(&found));
         let product = |(a, b): (&f64, &f64)| (a - centre) * (b - from);
@@ -91,21 +91,21 @@ mod tests {
 
     #[test]
     fn gain_and_bias_of_each_channel_are_no_error_after_correction() {
-        let of = |f: &dyn Fn(usize, usize) -> f32| {
+        let picture = |f: &dyn Fn(usize, usize) -> f32| {
             Image::new(8, 8, (0..192).map(|i| f(i / 3, i % 3)).collect()).unwrap()
         };
-        let truth = of(&|pixel, channel| 0.1 + 0.01 * pixel as f32 + 0.05 * channel as f32);
-        let other = of(&|pixel, channel| {
+        let truth = picture(&|pixel, channel| 0.1 + 0.01 * pixel as f32 + 0.05 * channel as f32);
+        let other = picture(&|pixel, channel| {
             let value = 0.1 + 0.01 * pixel as f32 + 0.05 * channel as f32;
             value * (0.5 + 0.2 * channel as f32) + 0.03
         });
         assert!(psnr(&truth, &other).unwrap() < 30.0);
         assert!(psnr_colour_corrected(&truth, &other).unwrap() > 100.0);
         // It cannot make one worse, and a flat picture becomes the mean.
-        let noisy = of(&|pixel, channel| ((pixel * 7 + channel * 3) % 11) as f32 / 11.0);
+        let noisy = picture(&|pixel, channel| ((pixel * 7 + channel * 3) % 11) as f32 / 11.0);
         assert!(psnr_colour_corrected(&truth, &noisy).unwrap() >= psnr(&truth, &noisy).unwrap());
         let flat = Image::filled(8, 8, [0.9; 3]).unwrap();
-        let mean = of(&|_, channel| 0.1 + 0.01 * 31.5 + 0.05 * channel as f32);
+        let mean = picture(&|_, channel| 0.1 + 0.01 * 31.5 + 0.05 * channel as f32);
         let (found, expected) = (psnr_colour_corrected(&truth, &flat).unwrap(), psnr(&truth, &mean).unwrap());
         assert!((found - expected).abs() < 1e-4, "{found} {expected}");
         assert!(psnr_colour_corrected(&truth, &Image::filled(8, 7, [0.9; 3]).unwrap()).is_err());

@@ -72,18 +72,18 @@ impl Avx2Lists {
     #[target_feature(enable = "avx2,popcnt")]
     fn within_reach(&self, bounds: &Bounds) -> (u32, u32) {
         let (mut closer, mut touching) = (0u32, 0u32);
-        for at in (0..LEAF).step_by(LANES) {
+        for start in (0..LEAF).step_by(LANES) {
             // As `Bounds::lowest_key_of`.
             let gap = |q: &[f32; LEAF], axis: usize| {
-                let q = load(&q[at..]);
+                let q = load(&q[start..]);
                 let above = _mm256_sub_ps(_mm256_set1_ps(bounds.lo[axis]), q);
                 let below = _mm256_sub_ps(q, _mm256_set1_ps(bounds.hi[axis]));
                 _mm256_max_ps(_mm256_max_ps(above, below), _mm256_setzero_ps())
             };
             let to_box = squared_norm(gap(&self.block.x, 0), gap(&self.block.y, 1), gap(&self.block.z, 2));
-            let bound = load(&self.bound[at..]);
-            closer |= (_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(to_box, bound)) as u32) << at;
-            touching |= (_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_EQ_OQ>(to_box, bound)) as u32) << at;
+            let bound = load(&self.bound[start..]);
+            closer |= (_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(to_box, bound)) as u32) << start;
+            touching |= (_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_EQ_OQ>(to_box, bound)) as u32) << start;
         }
         let queries = u32::MAX >> (LEAF - self.block_len);
         (closer & queries, touching & queries)
@@ -111,8 +111,9 @@ impl Avx2Lists {
     /// Squared distances from a query to eight points.
     #[target_feature(enable = "avx2,popcnt")]
     #[inline]
-    fn sq_distances(&self, lane: usize, leaf: &Leaf, at: usize) -> __m256 {
-        let from = |p: &[f32; LEAF], q: &[f32; LEAF]| _mm256_sub_ps(load(&p[at..]), _mm256_set1_ps(q[lane]));
+    fn sq_distances(&self, lane: usize, leaf: &Leaf, start: usize) -> __m256 {
+        let from =
+            |p: &[f32; LEAF], q: &[f32; LEAF]| _mm256_sub_ps(load(&p[start..]), _mm256_set1_ps(q[lane]));
         squared_norm(from(&leaf.x, &self.block.x), from(&leaf.y, &self.block.y), from(&leaf.z, &self.block.z))
     }
 
@@ -123,9 +124,9 @@ impl Avx2Lists {
         let bound = _mm256_set1_ps(self.bound[lane]);
         let last_index = set_u32(split_key(self.last[lane]).1);
         let mut len = self.waiting[lane].len;
-        for at in (0..LEAF).step_by(LANES) {
-            let sq_distances = self.sq_distances(lane, leaf, at);
-            let indices = load_u32(&leaf.index[at..]);
+        for start in (0..LEAF).step_by(LANES) {
+            let sq_distances = self.sq_distances(lane, leaf, start);
+            let indices = load_u32(&leaf.index[start..]);
             let mut near = _mm256_cmp_ps::<_CMP_LE_OQ>(sq_distances, bound);
             if TIES_ONLY {
                 let not_lower = _mm256_cmpeq_epi32(_mm256_max_epu32(indices, last_index), indices);
@@ -148,21 +149,23 @@ impl Avx2Lists {
         let waiting = &mut self.waiting[lane];
         let (infinity, none) = (_mm256_set1_ps(f32::INFINITY), set_u32(u32::MAX));
         let mut keys = Run::EMPTY.load();
-        for at in 0..RUN / LANES {
+        for register in 0..RUN / LANES {
             let place = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-            let filled =
-                _mm256_cmpgt_epi32(set_u32((waiting.len - (at * LANES).min(waiting.len)) as u32), place);
-            let sq_distances = load(&waiting.sq_distances[at * LANES..]);
+            let filled = _mm256_cmpgt_epi32(
+                set_u32((waiting.len - (register * LANES).min(waiting.len)) as u32),
+                place,
+            );
+            let sq_distances = load(&waiting.sq_distances[register * LANES..]);
             let sq_distances = _mm256_blendv_ps(infinity, sq_distances, _mm256_castsi256_ps(filled));
-            let indices = _mm256_blendv_epi8(none, load_u32(&waiting.indices[at * LANES..]), filled);
-            (keys[2 * at], keys[2 * at + 1]) = network::keys(sq_distances, indices);
+            let indices = _mm256_blendv_epi8(none, load_u32(&waiting.indices[register * LANES..]), filled);
+            (keys[2 * register], keys[2 * register + 1]) = network::keys(sq_distances, indices);
         }
         let rest = waiting.len.saturating_sub(RUN);
-        for at in (0..rest).step_by(LANES) {
-            let sq_distances = load(&waiting.sq_distances[RUN + at..]);
-            let indices = load_u32(&waiting.indices[RUN + at..]);
-            store(&mut waiting.sq_distances[at..], sq_distances);
-            store_u32(&mut waiting.indices[at..], indices);
+        for start in (0..rest).step_by(LANES) {
+            let sq_distances = load(&waiting.sq_distances[RUN + start..]);
+            let indices = load_u32(&waiting.indices[RUN + start..]);
+            store(&mut waiting.sq_distances[start..], sq_distances);
+            store_u32(&mut waiting.indices[start..], indices);
         }
         waiting.len = rest;
         let mut new = network::sort(keys);
@@ -197,17 +200,18 @@ impl Avx2Lists {
     #[target_feature(enable = "avx2,popcnt")]
     fn offer_block(&mut self) {
         for lane in 0..self.block_len {
-            let own = set_u32(self.block.index[lane]);
+            let own_index = set_u32(self.block.index[lane]);
             let infinity = _mm256_set1_ps(f32::INFINITY);
             let mut keys = Run::EMPTY.load();
-            for at in 0..RUN / LANES {
+            for register in 0..RUN / LANES {
                 // Of a NaN, where there is no point, and another number the minimum is the second.
-                let sq_distances = _mm256_min_ps(self.sq_distances(lane, &self.block, at * LANES), infinity);
-                let indices = load_u32(&self.block.index[at * LANES..]);
-                let itself = _mm256_cmpeq_epi32(indices, own);
+                let sq_distances =
+                    _mm256_min_ps(self.sq_distances(lane, &self.block, register * LANES), infinity);
+                let indices = load_u32(&self.block.index[register * LANES..]);
+                let itself = _mm256_cmpeq_epi32(indices, own_index);
                 let sq_distances = _mm256_blendv_ps(sq_distances, infinity, _mm256_castsi256_ps(itself));
                 let indices = _mm256_or_si256(indices, itself);
-                (keys[2 * at], keys[2 * at + 1]) = network::keys(sq_distances, indices);
+                (keys[2 * register], keys[2 * register + 1]) = network::keys(sq_distances, indices);
             }
             self.nearest[lane * self.runs].store(network::sort(keys));
             self.update_bound(lane);

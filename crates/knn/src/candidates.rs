@@ -85,9 +85,9 @@ impl Lists for Candidates {
     }
 
     fn offer_own(&mut self) {
-        let own = self.block.clone();
+        let block = self.block.clone();
         for lane in 0..self.block_len {
-            self.offer_points(lane, &own, true);
+            self.offer_points(lane, &block, true);
         }
     }
 

@@ -68,13 +68,13 @@ impl Rows<'_> {
     pub(crate) fn write(&mut self, mut write: impl FnMut(usize, &mut [u32], &mut [f32])) {
         for (lane, &place) in self.places.iter().enumerate() {
             self.fetch(lane + AHEAD);
-            let at = place as usize * self.k;
+            let start = place as usize * self.k;
             // SAFETY: `places` are below the number of rows and in no other block, so that these k elements lie in
             // the vectors and nobody else has them while this exclusive borrow lasts.
             let (indices, sq_distances) = unsafe {
                 (
-                    std::slice::from_raw_parts_mut(self.indices.add(at), self.k),
-                    std::slice::from_raw_parts_mut(self.sq_distances.add(at), self.k),
+                    std::slice::from_raw_parts_mut(self.indices.add(start), self.k),
+                    std::slice::from_raw_parts_mut(self.sq_distances.add(start), self.k),
                 )
             };
             write(lane, indices, sq_distances);
@@ -87,11 +87,11 @@ impl Rows<'_> {
         if let Some(&place) = self.places.get(lane) {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
             let (first, last) = (place as usize * self.k, (place as usize + 1) * self.k - 1);
-            for at in [first, last] {
+            for element in [first, last] {
                 // SAFETY: the element is in the vector, as above; prefetching reads nothing.
                 unsafe {
-                    _mm_prefetch::<_MM_HINT_T0>(self.indices.add(at).cast());
-                    _mm_prefetch::<_MM_HINT_T0>(self.sq_distances.add(at).cast());
+                    _mm_prefetch::<_MM_HINT_T0>(self.indices.add(element).cast());
+                    _mm_prefetch::<_MM_HINT_T0>(self.sq_distances.add(element).cast());
                 }
             }
         }

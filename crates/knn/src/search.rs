@@ -67,11 +67,11 @@ fn search_with<L: Lists>(
     scatter::for_each_block(queries, k, state, |(lists, stack), block, rows| {
         let (leaf, len) = (&queries.leaves[block], queries.len_of(block));
         lists.begin(leaf, len);
-        let own = (among == Among::Others).then_some(block);
-        if own.is_some() {
+        let own_leaf = (among == Among::Others).then_some(block);
+        if own_leaf.is_some() {
             lists.offer_own();
         }
-        walk(points, &Bounds::of_leaf(leaf, len), own, worst, lists, stack);
+        walk(points, &Bounds::of_leaf(leaf, len), own_leaf, worst, lists, stack);
         rows.write(|lane, indices, sq_distances| lists.finish(lane, indices, sq_distances));
     })
 }
@@ -85,11 +85,11 @@ struct Subtree {
     n_leaves: usize,
 }
 
-/// Depth first, nearer child first. `own` is the leaf that the block itself is.
+/// Depth first, nearer child first. `own_leaf` is the leaf that the block itself is.
 fn walk(
     points: &Tree,
     around: &Bounds,
-    own: Option<usize>,
+    own_leaf: Option<usize>,
     worst: u64,
     lists: &mut impl Lists,
     stack: &mut Vec<Subtree>,
@@ -109,7 +109,7 @@ fn walk(
             continue;
         }
         if n_leaves == 1 {
-            if own != Some(first_leaf) && lists.offer(&points.leaves[first_leaf], &points.nodes[node]) {
+            if own_leaf != Some(first_leaf) && lists.offer(&points.leaves[first_leaf], &points.nodes[node]) {
                 last = worst.min(lists.last());
             }
             continue;

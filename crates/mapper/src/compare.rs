@@ -42,14 +42,14 @@ pub(crate) fn classify(
         .collect();
     let nearest = extreme(&sure, width, f32::min);
     let farthest = extreme(&sure, width, f32::max);
-    let of = |i: usize| match () {
+    let pixel = |i: usize| match () {
         () if alpha[i] < THIN => Pixel::Thin,
         () if sure[i] <= 0.0 => Pixel::Unknown,
         () if rendered[i] > farthest[i] * (1.0 + tolerance) => Pixel::Before,
         () if rendered[i] < nearest[i] * (1.0 - tolerance) => Pixel::Through,
         () => Pixel::Agrees,
     };
-    (0..depth.len()).into_par_iter().with_min_len(1 << 12).map(of).collect()
+    (0..depth.len()).into_par_iter().with_min_len(1 << 12).map(pixel).collect()
 }
 
 /// The smallest or largest value above 0 within [`REACH`] of each pixel, in both directions; 0 where there is none.

@@ -95,7 +95,7 @@ impl Footprint {
     /// Share of the known points that one of the views in `all` saw as this one does, 0..1.
     pub(crate) fn covered(&self, all: &[Self]) -> f64 {
         let points: Vec<DVec3> = self.points().collect();
-        let seen = points.par_iter().filter(|&&point| all.iter().any(|of| of.saw(point, &self.camera)));
+        let seen = points.par_iter().filter(|&&point| all.iter().any(|view| view.saw(point, &self.camera)));
         seen.count() as f64 / points.len().max(1) as f64
     }
 

@@ -68,12 +68,13 @@ pub(crate) fn error(photograph: &[f32], rendered: &[f32], pixels: &[Pixel]) -> V
 
 /// Inverse depth of the keyframe at every pixel; that of the map where the keyframe does not know.
 pub(crate) fn inverse_depths(geometry: &ViewGeometry, rendered: &[f32]) -> Vec<f32> {
-    let of = |(i, (&depth, &rendered)): (usize, (&f32, &f32))| match (geometry.is_confirmed(i), rendered) {
-        (true, _) if depth > 0.0 => 1.0 / depth,
-        (_, rendered) if rendered > 0.0 => 1.0 / rendered,
-        _ => 0.0,
-    };
-    geometry.depth.data().iter().zip(rendered).enumerate().map(of).collect()
+    let inverse_depth =
+        |(i, (&depth, &rendered)): (usize, (&f32, &f32))| match (geometry.is_confirmed(i), rendered) {
+            (true, _) if depth > 0.0 => 1.0 / depth,
+            (_, rendered) if rendered > 0.0 => 1.0 / rendered,
+            _ => 0.0,
+        };
+    geometry.depth.data().iter().zip(rendered).enumerate().map(inverse_depth).collect()
 }
 
 /// Joins a keyframe's observation to the map, and removes what has become faint.

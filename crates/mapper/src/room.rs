@@ -167,11 +167,11 @@ fn merge_into(map: &mut Map, into: usize, from: usize) {
         *old = (1.0 - share) * *old + share * new;
     }
     let other = map.evidence[from];
-    let own = &mut map.evidence[into];
-    let worth = own.worth() + other.worth();
-    own.looks = own.looks.max(other.looks);
-    own.mass = worth * own.looks.max(1.0);
-    own.weight = own.weight.max(other.weight);
+    let evidence = &mut map.evidence[into];
+    let worth = evidence.worth() + other.worth();
+    evidence.looks = evidence.looks.max(other.looks);
+    evidence.mass = worth * evidence.looks.max(1.0);
+    evidence.weight = evidence.weight.max(other.weight);
 }
 
 #[cfg(test)]
@@ -194,8 +194,10 @@ mod tests {
     #[test]
     fn two_that_are_alike_become_one_with_their_moments() {
         let mut map = map(3, &[(0.0, 1.0, 0.5), (0.02, 1.0, 0.5), (9.0, 50.0, 0.1)]);
-        let before: f64 =
-            [0, 11].map(|at| Cluster::new(&map.gaussians.geometry()[at..at + 11], 1.0).mass).iter().sum();
+        let before: f64 = [0, 11]
+            .map(|start| Cluster::new(&map.gaussians.geometry()[start..start + 11], 1.0).mass)
+            .iter()
+            .sum();
         assert_eq!(make_room(&mut map, 1).unwrap(), Reduced { merged: 1, evicted: 0 });
         assert_eq!(map.len(), 2);
         let row = &map.gaussians.geometry()[..11];

@@ -136,7 +136,7 @@ impl Mapper {
         let footprints =
             footprints.map(|(&camera, depths)| Footprint { camera, depths: depths.to_vec() }).collect();
         let pictures = |what: &str, all: &[Picture]| -> Result<Vec<Keyframe>> {
-            let of = |(i, picture): (usize, &Picture)| {
+            let keyframe = |(i, picture): (usize, &Picture)| {
                 let (width, height) = (picture.camera.width(), picture.camera.height());
                 let rgb = kept.expect(&format!("{what}.{i}.rgb"), Dtype::U8, &[height, width, 3]);
                 let depth = picture.has_depth.then(|| read(&format!("{what}.{i}.depth"), &[height, width]));
@@ -148,7 +148,7 @@ impl Mapper {
                     depth: depth.transpose()?,
                 })
             };
-            all.iter().enumerate().map(of).collect()
+            all.iter().enumerate().map(keyframe).collect()
         };
         let keyframes = Keyframes { kept: pictures("kept", &header.kept)?, footprints, count: header.count };
         let waiting = pictures("waiting", &header.waiting)?;

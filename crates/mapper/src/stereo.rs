@@ -53,8 +53,8 @@ pub(crate) fn depth(view: &View, look: &Look, kept: &[Keyframe], config: &Config
         0 => DepthRange::Estimate,
         _ if 1.0 - look.seen.thin < KNOWN => DepthRange::Estimate,
         n => {
-            let at = |part: f64| f64::from(look.depths[((n - 1) as f64 * part).round() as usize]);
-            DepthRange::Known { near: at(0.005) / MARGIN, far: at(0.995) * MARGIN }
+            let quantile = |part: f64| f64::from(look.depths[((n - 1) as f64 * part).round() as usize]);
+            DepthRange::Known { near: quantile(0.005) / MARGIN, far: quantile(0.995) * MARGIN }
         }
     };
     Ok(sweep(&views, range).map(|(mut all, range)| (all.swap_remove(0), range)))

@@ -15,7 +15,7 @@ pub(crate) fn low_pass() -> f32 {
 /// one of them is too small for that.
 pub(crate) fn half_size(views: &[View]) -> Option<Vec<View>> {
     views.iter().all(|view| view.image().width().min(view.image().height()) >= SMALLEST).then(|| {
-        let of = |view: &View| {
+        let half = |view: &View| {
             let (width, height) = (view.image().width() / 2, view.image().height() / 2);
             let Intrinsics { fx, fy, cx, cy, .. } = *view.camera().intrinsics();
             let [fx, fy, cx, cy] = [fx, fy, cx, cy].map(|length| 0.5 * length);
@@ -25,7 +25,7 @@ pub(crate) fn half_size(views: &[View]) -> Option<Vec<View>> {
                 Image::new(width, height, means(view.image())).expect("as many numbers as the size has");
             View::new(view.name(), image, camera, None).expect("of one size")
         };
-        views.iter().map(of).collect()
+        views.iter().map(half).collect()
     })
 }
 

@@ -85,12 +85,12 @@ mod tests {
 
     fn views() -> Vec<View> {
         let lens = Intrinsics { fx: 50.0, fy: 200.0, cx: 4.0, cy: 4.0, width: 8, height: 8 };
-        let at = |z: f64| {
+        let view = |z: f64| {
             let camera =
                 Camera::from_camera_to_world(lens, DMat3::IDENTITY, DVec3::new(0.0, 0.0, z)).unwrap();
             View::new("v", Image::filled(8, 8, [0.0; 3]).unwrap(), camera, None).unwrap()
         };
-        vec![at(-8.0), at(0.0)]
+        vec![view(-8.0), view(0.0)]
     }
 
     fn row(z: f32, log_scale: f32, logit: f32) -> [f32; 11] {

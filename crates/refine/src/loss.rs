@@ -195,7 +195,7 @@ mod tests {
         #[test]
         fn derivatives_are_those_of_the_value(
             photograph in picture(), rendering in picture(), gain in 0.6f32..1.4, bias in -0.2f32..0.2,
-            dssim in prop::sample::select(vec![0.0f32, 0.3, 1.0]), at in 0usize..432, l1 in any::<bool>(),
+            dssim in prop::sample::select(vec![0.0f32, 0.3, 1.0]), index in 0usize..432, l1 in any::<bool>(),
         ) {
             let view = view(photograph);
             let loss = Loss { colour: if l1 { ColourTerm::L1 } else { ColourTerm::Mse }, dssim };
@@ -212,23 +212,23 @@ mod tests {
             };
             prop_assert!((found.loss - value(&rendering)).abs() < 1e-6);
             let step = 1.0 / 1024.0;
-            let difference = f64::from(gain * rendering[at] + bias - view.image().data()[at]).abs();
+            let difference = f64::from(gain * rendering[index] + bias - view.image().data()[index]).abs();
             // No kink of |d| between the two values.
             if !l1 || difference > 2.0 * step {
                 let moved = |by: f64| {
                     let mut moved = rendering.clone();
-                    moved[at] += by as f32;
-                    (f64::from(moved[at]), value(&moved))
+                    moved[index] += by as f32;
+                    (f64::from(moved[index]), value(&moved))
                 };
                 let ((low, below), (high, above)) = (moved(-step), moved(step));
                 let slope = (above - below) / (high - low);
-                let found = f64::from(found.by_rendering[at]);
+                let found = f64::from(found.by_rendering[index]);
                 // The second term is what a finite step misses.
                 prop_assert!((slope - found).abs() < 1e-6 + 2e-3 * slope.abs(), "{slope} {found}");
             }
             let doubled = compare(&view, &rendering, exposure, loss, 2.0);
             prop_assert!((doubled.loss, doubled.psnr) == (found.loss, found.psnr));
-            prop_assert!((doubled.by_rendering[at] - 2.0 * found.by_rendering[at]).abs() < 1e-6);
+            prop_assert!((doubled.by_rendering[index] - 2.0 * found.by_rendering[index]).abs() < 1e-6);
         }
     }
 

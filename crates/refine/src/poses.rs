@@ -126,12 +126,12 @@ impl Poses {
 
     /// All changes; none where cameras stay.
     pub(crate) fn all(&self) -> Vec<PoseChange> {
-        let of = |change: &Change| PoseChange {
+        let pose_change = |change: &Change| PoseChange {
             degrees: change.turn.length().to_degrees(),
             shift: change.shift.length(),
             focal: self.lenses[change.lens].log.exp(),
         };
-        self.changes.iter().map(of).collect()
+        self.changes.iter().map(pose_change).collect()
     }
 }
 

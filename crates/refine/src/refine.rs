@@ -125,7 +125,7 @@ impl Rounds {
         self.views %= all;
         self.psnr.push(psnr);
         let Some(before) = self.psnr.len().checked_sub(2 * PATIENCE) else { return false };
-        let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let (earlier, latest) = self.psnr[before..].split_at(PATIENCE);
         // Written so that NaN, and pictures that cannot get better, are no gain.
         let gains = mean(latest) > mean(earlier) + smallest_gain;

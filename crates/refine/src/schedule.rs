@@ -77,9 +77,9 @@ mod tests {
 
     #[test]
     fn step_sizes_fall_from_one_to_the_last() {
-        let at = |steps| decay(Stop::Steps(10).progress(steps, Duration::ZERO), 0.05);
-        assert_eq!((at(0), at(10), at(20)), (1.0, 0.05, 0.05));
-        assert!((0..10).all(|step| at(step) > at(step + 1)));
+        let size = |steps| decay(Stop::Steps(10).progress(steps, Duration::ZERO), 0.05);
+        assert_eq!((size(0), size(10), size(20)), (1.0, 0.05, 0.05));
+        assert!((0..10).all(|step| size(step) > size(step + 1)));
         let half = Stop::Seconds(2.0).progress(7, Duration::from_secs(1));
         assert_eq!(half, 0.5);
         assert_eq!(Stop::Steps(0).progress(0, Duration::ZERO), 1.0);

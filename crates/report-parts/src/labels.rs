@@ -48,8 +48,9 @@ pub fn place(names: &[(&str, (i32, i32))], lines: &[Vec<(i32, i32)>], bounds: Re
                 text[0] < bounds[0] || text[1] < bounds[1] || text[2] > bounds[2] || text[3] > bounds[3];
             let hidden: i64 = taken.iter().map(|other| overlap(text, *other)).sum();
             let along = leader(gap, corner).into_iter().flat_map(|(dx, dy)| pieces((x, y), (x + dx, y + dy)));
-            let crossed: i64 =
-                along.flat_map(|at| texts.iter().map(move |text| overlap(around_point(1)(at), *text))).sum();
+            let crossed: i64 = along
+                .flat_map(|point| texts.iter().map(move |text| overlap(around_point(1)(point), *text)))
+                .sum();
             hidden + CROSSED * crossed + if outside { 1_000_000 } else { 0 }
         };
         // The first of equals: the nearest.
@@ -98,11 +99,11 @@ mod tests {
     use super::*;
 
     fn boxes(names: &[(&str, (i32, i32))], placed: &[Placed]) -> Vec<Rectangle> {
-        let of = |((name, (x, y)), placed): (&(&str, (i32, i32)), &Placed)| {
+        let rectangle = |((name, (x, y)), placed): (&(&str, (i32, i32)), &Placed)| {
             let (left, top) = (x + placed.corner.0, y + placed.corner.1);
             [left, top, left + (name.len() as f64 * LETTER).ceil() as i32, top + HEIGHT]
         };
-        names.iter().zip(placed).map(of).collect()
+        names.iter().zip(placed).map(rectangle).collect()
     }
 
     #[test]
@@ -114,8 +115,8 @@ mod tests {
                 .map(|(i, &name)| (name, (200 + i as i32 % 2, 100)))
                 .collect();
         let line = vec![(100, 100), (230, 100), (230, 180)];
-        let marks: Vec<(i32, i32)> = names.iter().map(|(_, at)| *at).chain(line.clone()).collect();
-        let lines: Vec<Vec<(i32, i32)>> = names.iter().map(|(_, at)| vec![*at]).chain([line]).collect();
+        let marks: Vec<(i32, i32)> = names.iter().map(|(_, point)| *point).chain(line.clone()).collect();
+        let lines: Vec<Vec<(i32, i32)>> = names.iter().map(|(_, point)| vec![*point]).chain([line]).collect();
         let bounds = [50, 10, 400, 300];
         let placed = place(&names, &lines, bounds);
         let boxes = boxes(&names, &placed);

@@ -36,18 +36,23 @@ pub fn refinement_plot(windows: &[WindowRow]) -> String {
 
 /// Mean of curves at the steps that all of them have.
 fn mean_curve(curves: &[&[CurvePoint]]) -> Vec<CurvePoint> {
-    let at = |step: usize| {
+    let mean_point = |step: usize| {
         let points = curves.iter().map(|curve| curve.iter().find(|point| point.step == step));
         let points: Vec<&CurvePoint> = points.collect::<Option<_>>()?;
-        let of = |value: fn(&CurvePoint) -> f64| mean(points.iter().map(|point| value(point)));
+        let average = |value: fn(&CurvePoint) -> f64| mean(points.iter().map(|point| value(point)));
         Some(CurvePoint {
             step,
-            seconds: of(|p| p.seconds),
-            psnr_context: of(|p| p.psnr_context),
-            psnr_held_out: of(|p| p.psnr_held_out),
+            seconds: average(|p| p.seconds),
+            psnr_context: average(|p| p.psnr_context),
+            psnr_held_out: average(|p| p.psnr_held_out),
         })
     };
-    curves.first().into_iter().flat_map(|curve| curve.iter()).filter_map(|point| at(point.step)).collect()
+    curves
+        .first()
+        .into_iter()
+        .flat_map(|curve| curve.iter())
+        .filter_map(|point| mean_point(point.step))
+        .collect()
 }
 
 /// `scenes` of the lines are scenes, one more would be their mean.

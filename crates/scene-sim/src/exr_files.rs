@@ -13,8 +13,8 @@ use std::path::Path;
 /// If the file cannot be written; what was there before then stays.
 pub fn write_exr_depth(path: &Path, depth: &DepthMap) -> Result<()> {
     let (width, height) = (depth.width(), depth.height());
-    let at = |place: Vec2<usize>| (depth.data()[place.y() * width + place.x()],);
-    let channels = SpecificChannels::build().with_channel("Z").with_pixel_fn(at);
+    let sample = |place: Vec2<usize>| (depth.data()[place.y() * width + place.x()],);
+    let channels = SpecificChannels::build().with_channel("Z").with_pixel_fn(sample);
     let image = Exr::from_encoded_channels((width, height), Encoding::SMALL_LOSSLESS, channels);
     write(path, |bytes| image.write().to_buffered(bytes))
 }
@@ -26,11 +26,11 @@ pub fn write_exr_depth(path: &Path, depth: &DepthMap) -> Result<()> {
 /// As [`write_exr_depth`].
 pub fn write_exr_rgb(path: &Path, light: &Image) -> Result<()> {
     let (width, height) = (light.width(), light.height());
-    let at = |place: Vec2<usize>| {
+    let sample = |place: Vec2<usize>| {
         let [r, g, b] = light.pixel(place.x(), place.y());
         (r, g, b)
     };
-    let channels = SpecificChannels::rgb(at);
+    let channels = SpecificChannels::rgb(sample);
     let image = Exr::from_encoded_channels((width, height), Encoding::SMALL_LOSSLESS, channels);
     write(path, |bytes| image.write().to_buffered(bytes))
 }

@@ -239,11 +239,11 @@ mod tests {
             assert!((camera.position() - *place).length() < 1e-12);
             assert!((camera.forward() - (*target - *place).normalize()).length() < 1e-12);
         }
-        let at = |u| path.camera_at(lens, u).unwrap().position();
+        let position = |u| path.camera_at(lens, u).unwrap().position();
         // The second difference of a function with a continuous slope falls with the step; at a kink it would not.
         for knot in [1.0 / 3.0, 2.0 / 3.0] {
             let step = 1e-5;
-            let kink = (at(knot + step) - 2.0 * at(knot) + at(knot - step)) / step;
+            let kink = (position(knot + step) - 2.0 * position(knot) + position(knot - step)) / step;
             assert!(kink.length() < 1e-2, "kink of {kink} at {knot}");
         }
         // Two places: a straight line at constant speed.

@@ -103,7 +103,8 @@ impl Plan {
                 missing,
             });
         }
-        let cameras = present.iter().map(|&at| dataset.camera(at)).collect::<view_data::Result<Vec<_>>>()?;
+        let cameras =
+            present.iter().map(|&frame| dataset.camera(frame)).collect::<view_data::Result<Vec<_>>>()?;
         let measured = if reading.depth_hint { dataset.measured_depth()? } else { None };
         let choice = match measured.map(SceneDepth::from).or_else(|| estimate_scene_depth(&cameras)) {
             Some(depth) => {
@@ -241,7 +242,7 @@ impl Plan {
             Reading { size: cameras.first().map(|first| reduced(first, pixels)), ..Reading::default() };
         let dataset = Arc::new(dataset);
         for window in &mut windows {
-            window.context.iter_mut().chain(&mut window.target).for_each(|at| *at = present[*at]);
+            window.context.iter_mut().chain(&mut window.target).for_each(|frame| *frame = present[*frame]);
         }
         let plans = windows.iter().map(|window| Self::of_window(window, &dataset, reading));
         Ok((plans.collect::<Result<_>>()?, dropped_scenes(dropped)))
@@ -371,7 +372,7 @@ impl Plan {
         let Source::Photographs(Photographs { dataset, choice, .. }) = &self.source else {
             return Ok(self.clone());
         };
-        let first = choice.context.first().map(|&at| dataset.camera(at)).transpose()?;
+        let first = choice.context.first().map(|&frame| dataset.camera(frame)).transpose()?;
         Ok(first.map_or_else(|| self.clone(), |first| self.at_size(reduced(&first, pixels))))
     }
 
@@ -440,7 +441,7 @@ fn along(
     let (present, cameras, depth) = surveyed(dataset, views)?;
     let (mut windows, dropped) = windows_along(&dataset.name, &cameras, views, count, depth)?;
     for window in &mut windows {
-        window.context.iter_mut().chain(&mut window.target).for_each(|at| *at = present[*at]);
+        window.context.iter_mut().chain(&mut window.target).for_each(|frame| *frame = present[*frame]);
     }
     Ok((windows, dropped))
 }
@@ -456,7 +457,8 @@ fn reduced(camera: &Camera, pixels: usize) -> (usize, usize) {
 /// Positions and cameras of the frames that are there, and the depth of the scene.
 fn surveyed(dataset: &Dataset, views: usize) -> Result<(Vec<usize>, Vec<Camera>, SceneDepth)> {
     let present = dataset.present();
-    let cameras = present.iter().map(|&at| dataset.camera(at)).collect::<view_data::Result<Vec<_>>>()?;
+    let cameras =
+        present.iter().map(|&frame| dataset.camera(frame)).collect::<view_data::Result<Vec<_>>>()?;
     let depth = match dataset.measured_depth()? {
         Some(depth) => depth.into(),
         None => estimate_scene_depth(&cameras).ok_or_else(|| Error::OnePlace {

@@ -341,14 +341,14 @@ fn compared(what: What, rows: &[Measured]) -> Vec<Compared> {
     names.retain(|name| *name != reference);
     let mut all = Vec::new();
     for scenes in in_order(rows.iter().map(|row| row.scenes)) {
-        let of = |name: &str, seed: u64| {
+        let psnrs = |name: &str, seed: u64| {
             rows.iter()
                 .find(|row| row.row == name && row.scenes == scenes && row.training_seed == seed)
                 .map(|found| &found.psnr_by_window)
         };
         let pairs = |name: &&str| {
             let seeds = rows.iter().map(|row| row.training_seed);
-            seeds.filter_map(|seed| Some((seed, [of(name, seed)?, of(reference, seed)?]))).collect()
+            seeds.filter_map(|seed| Some((seed, [psnrs(name, seed)?, psnrs(reference, seed)?]))).collect()
         };
         let found = differences(&names.iter().map(pairs).collect::<Vec<_>>());
         for (&row, difference) in names.iter().zip(found) {

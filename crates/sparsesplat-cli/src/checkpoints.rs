@@ -99,8 +99,8 @@ fn folder_of(variable: impl Fn(&str) -> Option<PathBuf>) -> Option<PathBuf> {
 
 /// The published checkpoints that lie in a folder, the preferred one first.
 pub(crate) fn present(folder: &Path) -> Vec<(Checkpoint, PathBuf)> {
-    let of = |checkpoint: Checkpoint| (checkpoint, folder.join(checkpoint.file));
-    PUBLISHED.into_iter().map(of).filter(|(_, path)| path.is_file()).collect()
+    let pair = |checkpoint: Checkpoint| (checkpoint, folder.join(checkpoint.file));
+    PUBLISHED.into_iter().map(pair).filter(|(_, path)| path.is_file()).collect()
 }
 
 /// The checkpoint to use where none is named: the preferred one of those that are there with a head.

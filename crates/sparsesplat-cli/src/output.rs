@@ -208,12 +208,12 @@ mod tests {
     #[test]
     fn a_file_has_one_place_whatever_it_is_called() {
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        fs::create_dir(at("deep")).unwrap();
-        fs::write(at("deep/there"), b"").unwrap();
-        assert_eq!(Place::of(&at("deep/there")), Place::of(&at("deep/../deep/there")));
-        assert_eq!(Place::of(&at("deep/not")), Place::of(&at("deep/../deep/not")));
-        assert_ne!(Place::of(&at("deep/not")), Place::of(&at("deep/there")));
+        let path = |name: &str| folder.path().join(name);
+        fs::create_dir(path("deep")).unwrap();
+        fs::write(path("deep/there"), b"").unwrap();
+        assert_eq!(Place::of(&path("deep/there")), Place::of(&path("deep/../deep/there")));
+        assert_eq!(Place::of(&path("deep/not")), Place::of(&path("deep/../deep/not")));
+        assert_ne!(Place::of(&path("deep/not")), Place::of(&path("deep/there")));
         assert_eq!(Place::of(Path::new("-")), Place::StandardOutput);
         assert_ne!(Place::of(Path::new("./-")), Place::StandardOutput);
     }
@@ -223,20 +223,20 @@ mod tests {
     fn links_and_devices_are_told() {
         use std::os::unix::fs::symlink;
         let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        symlink("target", at("link")).unwrap();
-        symlink("/dev/stdout", at("out")).unwrap();
-        assert_eq!(Place::of(&at("link")), Place::of(&at("target")));
-        assert_eq!(Place::of(&at("out")), Place::StandardOutput);
+        let path = |name: &str| folder.path().join(name);
+        symlink("target", path("link")).unwrap();
+        symlink("/dev/stdout", path("out")).unwrap();
+        assert_eq!(Place::of(&path("link")), Place::of(&path("target")));
+        assert_eq!(Place::of(&path("out")), Place::StandardOutput);
         assert_eq!(Place::of(Path::new("/dev/null")), Place::Device);
 
-        fs::write(at("input"), b"").unwrap();
-        symlink("input", at("other")).unwrap();
-        let (null, other) = (PathBuf::from("/dev/null"), at("other"));
+        fs::write(path("input"), b"").unwrap();
+        symlink("input", path("other")).unwrap();
+        let (null, other) = (PathBuf::from("/dev/null"), path("other"));
         let twice = Outputs(vec![("--a", &null), ("--b", &null)]);
         assert!(twice.check().is_ok());
         let over = Outputs(vec![("--a", &other)]);
-        assert!(over.spare([at("input").as_path()]).is_err());
-        assert!(over.spare([at("target").as_path()]).is_ok());
+        assert!(over.spare([path("input").as_path()]).is_err());
+        assert!(over.spare([path("target").as_path()]).is_ok());
     }
 }

@@ -215,7 +215,7 @@ fn estimated(input: &Path, folder: &Path, settings: &Settings, progress: &Progre
 fn describe(step: Step) -> String {
     match step {
         Step::Frames(count) => format!("looking at frames: {count}"),
-        Step::Read(done, of) => format!("reading photographs, {done} of {of}"),
+        Step::Read(done, total) => format!("reading photographs, {done} of {total}"),
         Step::Features => "finding features".to_owned(),
         Step::Match => "matching photographs".to_owned(),
         Step::Poses => "finding poses".to_owned(),

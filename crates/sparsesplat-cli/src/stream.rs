@@ -345,8 +345,8 @@ fn finish(
     measured: Option<&Measured>,
 ) -> Outcome {
     let &Ended { size, first_frame, bad, interrupted, broken } = ended;
-    let of = |is: fn(&Row) -> bool| rows.iter().filter(|row| is(row)).count();
-    let (waiting, refused) = (of(|row| row.is_waiting), of(|row| row.is_refused));
+    let frames = |is: fn(&Row) -> bool| rows.iter().filter(|row| is(row)).count();
+    let (waiting, refused) = (frames(|row| row.is_waiting), frames(|row| row.is_refused));
     let latency = measure::latency(rows);
     let peak = peak_rss_bytes();
     print_line(&format!(
@@ -484,12 +484,12 @@ fn log_file(path: &Path) -> Outcome<Box<dyn Write>> {
 
 /// What a frame did, for people.
 fn says(update: &Update, all: Option<usize>) -> String {
-    let of = all.map_or_else(String::new, |all| format!(" of {all}"));
+    let total = all.map_or_else(String::new, |all| format!(" of {all}"));
     let what = match &update.outcome {
         Of::Keyframe(keyframe) => format!("keyframe, {} drawn", keyframe.drawn),
         Of::Seen(_) => "seen".to_owned(),
         Of::Waiting(_) => "waiting for parallax".to_owned(),
         Of::Refused(_) => "refused".to_owned(),
     };
-    format!("frame {}{of}: {what}; {} Gaussians", update.frame + 1, count(update.gaussians as f64))
+    format!("frame {}{total}: {what}; {} Gaussians", update.frame + 1, count(update.gaussians as f64))
 }

@@ -233,11 +233,11 @@ fn quoted(word: &str) -> String {
 
 /// What tells files of weights from others of the same name.
 fn hash_of<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Outcome<Vec<String>> {
-    let of = |path: &PathBuf| {
+    let hash = |path: &PathBuf| {
         let cannot = || format!("{}: cannot read", path.display());
         scene_windows::file_sha256(path).with_context(cannot).or_input()
     };
-    files.into_iter().map(of).collect()
+    files.into_iter().map(hash).collect()
 }
 
 impl Swept {

@@ -270,10 +270,10 @@ fn complete(
     let (mut loss, mut last) = (f64::NAN, None);
     let mut validate = |trainer: &DepthTrainer, loss: f64, log: &mut Log| -> Outcome {
         progress.line(&format!("step {}: loss {loss:.3}", trainer.steps()));
-        let scores = |cases: &DepthCases, of: &str| -> Outcome<Scores> {
+        let scores = |cases: &DepthCases, prefix: &str| -> Outcome<Scores> {
             let [learned, stereo] = trainer.validate(cases).or_work()?;
             for (name, score) in [("learned", learned), ("stereo", stereo)] {
-                progress.line(&format!("    {of}{name:<8}{}", described(score)));
+                progress.line(&format!("    {prefix}{name:<8}{}", described(score)));
             }
             Ok(Scores { learned, stereo })
         };

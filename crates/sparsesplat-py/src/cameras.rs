@@ -31,9 +31,9 @@ impl Cameras {
         let count = poses.len() / 16;
         let (lenses, _) = read_f64("Ks", ks, &[Side::Is(count), Side::Is(3), Side::Is(3)])?;
         let each = poses.chunks_exact(16).zip(lenses.chunks_exact(9)).enumerate();
-        let all = each.map(|(at, (pose, lens))| {
+        let all = each.map(|(index, (pose, lens))| {
             camera(pose, lens, width, height).map_err(|error| {
-                PyValueError::new_err(format!("camera {at}: {}", error.value(viewmats.py())))
+                PyValueError::new_err(format!("camera {index}: {}", error.value(viewmats.py())))
             })
         });
         Ok(Self { all: all.collect::<PyResult<_>>()?, is_double })
@@ -56,7 +56,7 @@ pub(crate) fn camera(pose: &[f64], lens: &[f64], width: usize, height: usize) ->
             "the intrinsics are {lens:?}, expected [fx, 0, cx, 0, fy, cy, 0, 0, 1] without skew"
         )));
     }
-    let row = |at: usize| DVec3::new(pose[at], pose[at + 1], pose[at + 2]);
+    let row = |start: usize| DVec3::new(pose[start], pose[start + 1], pose[start + 2]);
     let rotation = DMat3::from_cols(row(0), row(4), row(8)).transpose();
     let translation = DVec3::new(pose[3], pose[7], pose[11]);
     let lens = Intrinsics { fx: lens[0], fy: lens[4], cx: lens[2], cy: lens[5], width, height };

@@ -52,7 +52,7 @@ pub(crate) fn engine(_: Python<'_>) -> PyResult<&'static Engine> {
 /// # Errors
 /// If the system gives none.
 pub(crate) fn pool() -> PyResult<ThreadPool> {
-    let pool = ThreadPoolBuilder::new().thread_name(|at| format!("sparsesplat-{at}")).build();
+    let pool = ThreadPoolBuilder::new().thread_name(|index| format!("sparsesplat-{index}")).build();
     pool.map_err(|error| PyRuntimeError::new_err(format!("no threads to work on: {error}")))
 }
 
@@ -86,8 +86,8 @@ impl Engine {
     pub(crate) fn buffer(&self, length: usize) -> Vec<f32> {
         let mut spare = lock(&self.spare);
         let found = spare.iter().position(|buffer| buffer.len() == length);
-        if let Some(at) = found {
-            return spare.remove(at);
+        if let Some(index) = found {
+            return spare.remove(index);
         }
         // Where none fits, the oldest goes: lengths that nobody asks for any more leave in time.
         spare.pop();

@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn a_fingerprint_changes_with_a_step_and_with_any_number_of_small_arrays() {
-        let of = |arrays: &[Vec<f32>; 5]| {
+        let digest = |arrays: &[Vec<f32>; 5]| {
             let [means, quats, scales, opacities, colors] = arrays.each_ref().map(Vec::as_slice);
             fingerprint(&Activated { means, quats, scales, opacities, colors, kind: Colors::Rgb })
         };
@@ -105,15 +105,15 @@ mod tests {
             for place in 0..small[array].len() {
                 let mut changed = small.clone();
                 changed[array][place] = 0.25;
-                assert_ne!(of(&small), of(&changed), "{array} {place}");
+                assert_ne!(digest(&small), digest(&changed), "{array} {place}");
             }
         }
         let large = arrays(50_000);
         for array in 0..5 {
             let mut stepped = large.clone();
             stepped[array].iter_mut().for_each(|number| *number += 1e-6);
-            assert_ne!(of(&large), of(&stepped), "{array}");
+            assert_ne!(digest(&large), digest(&stepped), "{array}");
         }
-        of(&arrays(0));
+        digest(&arrays(0));
     }
 }

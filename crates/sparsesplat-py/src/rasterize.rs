@@ -354,10 +354,10 @@ impl Request {
         let runs = if one_run {
             vec![Run { cameras: cameras.all, settings: shared }]
         } else {
-            let run = |(at, camera): (usize, Camera)| {
+            let run = |(index, camera): (usize, Camera)| {
                 let mut settings = shared;
                 if let Some(colour) =
-                    colours.get(3 * at..3 * at + 3).filter(|_| backgrounds == Backgrounds::PerCamera)
+                    colours.get(3 * index..3 * index + 3).filter(|_| backgrounds == Backgrounds::PerCamera)
                 {
                     settings.background = [colour[0], colour[1], colour[2]];
                 }
@@ -449,15 +449,15 @@ fn assemble(views: &[Rendering], mode: Mode) -> (Vec<f32>, Vec<f32>) {
     let mut colors = vec![0.0; views.len() * pixels * channels];
     for (view, out) in views.iter().zip(colors.chunks_exact_mut((pixels * channels).max(1))) {
         let depth = view.depth.as_deref().unwrap_or_default();
-        out.par_chunks_mut(row * channels).enumerate().for_each(|(at, out)| {
-            for (at, out) in (at * row..).zip(out.chunks_exact_mut(channels)) {
+        out.par_chunks_mut(row * channels).enumerate().for_each(|(chunk, out)| {
+            for (pixel, out) in (chunk * row..).zip(out.chunks_exact_mut(channels)) {
                 if mode.colors {
-                    out[..3].copy_from_slice(&view.image.data()[3 * at..][..3]);
+                    out[..3].copy_from_slice(&view.image.data()[3 * pixel..][..3]);
                 }
                 match mode.depth {
                     None => {}
-                    Some(Depth::Expected) => out[channels - 1] = depth[at],
-                    Some(Depth::Accumulated) => out[channels - 1] = depth[at] * view.alpha[at],
+                    Some(Depth::Expected) => out[channels - 1] = depth[pixel],
+                    Some(Depth::Accumulated) => out[channels - 1] = depth[pixel] * view.alpha[pixel],
                 }
             }
         });

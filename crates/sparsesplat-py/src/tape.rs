@@ -113,9 +113,9 @@ impl Tape {
                 // Accumulated depth is alpha times expected depth.
                 let alpha = alpha.get_or_insert_with(|| vec![0.0; pixels]);
                 let (opacity, expected) = &self.recorded.planes[view];
-                for at in 0..pixels {
-                    alpha[at] += depth[at] * expected[at];
-                    depth[at] *= opacity[at];
+                for pixel in 0..pixels {
+                    alpha[pixel] += depth[pixel] * expected[pixel];
+                    depth[pixel] *= opacity[pixel];
                 }
             }
             let image = match (mode.colors, channels) {

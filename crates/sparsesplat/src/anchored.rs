@@ -72,7 +72,7 @@ pub fn anchor(
     let (pixels, tau) = stages.run(Stage::Sampling, || sample(views, geometry, config, shell.len()))?;
 
     let (anchors, ranges, voxel_cells) = stages.run(Stage::Backproject, || {
-        let of = |i: usize| {
+        let view_anchors = |i: usize| {
             let chosen = ViewPixels {
                 camera: views[i].camera(),
                 depth: geometry[i].depth.data(),
@@ -89,7 +89,8 @@ pub fn anchor(
             }
             Ok::<_, Error>(part)
         };
-        let parts: Vec<Backprojected> = (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()?;
+        let parts: Vec<Backprojected> =
+            (0..views.len()).into_par_iter().map(view_anchors).collect::<Result<_>>()?;
         let mut all = Backprojected::default();
         parts.into_iter().for_each(|part| all.append(part));
         let Backprojected { anchors, ranges, .. } = all;
@@ -111,13 +112,13 @@ pub fn anchor(
     })?;
 
     let (cells, base) = stages.run(Stage::Head, || {
-        let of = |i: usize| {
+        let view_gaussians = |i: usize| {
             let range = ranges[i].clone();
             let cells = voxel_cells.as_ref().map(|cells| cells[range.clone()].to_vec());
             closed_form(&exposed[i], &geometry[i], &anchors, range, neighbours.as_ref(), cells)
         };
         let per_view: Vec<(Vec<Cell>, Gaussians)> =
-            (0..views.len()).into_par_iter().map(of).collect::<Result<_>>()?;
+            (0..views.len()).into_par_iter().map(view_gaussians).collect::<Result<_>>()?;
         let mut base = Gaussians::empty(0)?;
         per_view.iter().for_each(|(_, part)| base.append(part));
         Ok::<_, Error>((per_view.into_iter().flat_map(|(cells, _)| cells).collect::<Vec<Cell>>(), base))

@@ -110,7 +110,7 @@ impl Networks {
                 }
             }
             Backbone::PlaneSweep { depth, .. } => {
-                if new.sweep.as_ref().is_none_or(|(of, _)| of != depth) {
+                if new.sweep.as_ref().is_none_or(|(kind, _)| kind != depth) {
                     new.sweep = match depth {
                         SweepDepth::Stereo => None,
                         SweepDepth::Learned => Some(DepthWeights::from_bytes(LEARNED_DEPTH)?),

@@ -84,17 +84,17 @@ impl Field<'_> {
                     if self.inverse_depth[i] <= 0.0 {
                         continue;
                     }
-                    let (mut own, mut cheapest) = (this[x], costs[i]);
-                    let mut tried = own;
+                    let (mut own_label, mut cheapest) = (this[x], costs[i]);
+                    let mut tried = own_label;
                     let mut consider = |label: u32| {
                         // The same again costs the same.
-                        if label == NONE || label == own || label == tried {
+                        if label == NONE || label == own_label || label == tried {
                             return;
                         }
                         tried = label;
                         let candidate = cost(x, y, &cells[label as usize]);
                         if candidate < cheapest {
-                            (own, cheapest) = (label, candidate);
+                            (own_label, cheapest) = (label, candidate);
                         }
                     };
                     let (has_left, has_right) = (column > 0, column + 1 < width);
@@ -110,7 +110,7 @@ impl Field<'_> {
                             consider(before[mirrored(column + 1)]);
                         }
                     }
-                    (this[x], costs[i]) = (own, cheapest);
+                    (this[x], costs[i]) = (own_label, cheapest);
                 }
             }
         }

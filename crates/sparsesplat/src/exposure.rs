@@ -86,8 +86,8 @@ fn solve(n_views: usize, overlaps: &[Overlap]) -> Vec<[f64; 2]> {
     for overlap in overlaps {
         for sign in [-1.0, 1.0] {
             let [a, b] = overlap.views;
-            let at = |side: usize| overlap.means[side] + sign * overlap.deviations[side];
-            let equation = [(2 * a, at(0)), (2 * a + 1, 1.0), (2 * b, -at(1)), (2 * b + 1, -1.0)];
+            let level = |side: usize| overlap.means[side] + sign * overlap.deviations[side];
+            let equation = [(2 * a, level(0)), (2 * a + 1, 1.0), (2 * b, -level(1)), (2 * b + 1, -1.0)];
             for (i, p) in equation {
                 for (j, q) in equation {
                     rows[i][j] += p * q;

@@ -85,15 +85,15 @@ fn reduce(
     // Seen from a corner of the set, which does not depend on its order.
     let corner = left.iter().map(|&i| clusters[i as usize].mean).reduce(glam::DVec3::min).unwrap_or_default();
     while left.len() > count {
-        let at = |place: usize| &clusters[left[place] as usize];
+        let member = |place: usize| &clusters[left[place] as usize];
         let colour = |place: usize| cluster::colour(&sh[left[place] as usize * numbers..]);
         let points: Vec<[f32; 3]> =
-            (0..left.len()).into_par_iter().map(|i| (at(i).mean - corner).as_vec3().to_array()).collect();
+            (0..left.len()).into_par_iter().map(|i| (member(i).mean - corner).as_vec3().to_array()).collect();
         let near = knn::knn(&points, NEIGHBOURS)?;
         let best = |i: usize| {
             let cost = |&j: &u32| {
                 let j = j as usize;
-                (cluster::cost((at(i), colour(i)), (at(j), colour(j)), patch), j as u32)
+                (cluster::cost((member(i), colour(i)), (member(j), colour(j)), patch), j as u32)
             };
             near.row(i).0.iter().map(cost).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
         };

@@ -27,12 +27,12 @@ pub(crate) fn finish(
     let gaussians = stages.run(Stage::Decode, || {
         let mut all: Option<Gaussians> = None;
         for (geometry, &exposure) in geometry.iter().zip(&exposure) {
-            let mut own = geometry.gaussians.clone().ok_or(Error::NoOwnGaussians)?;
-            recolour(&mut own, exposure);
-            per_view.push(own.len());
+            let mut part = geometry.gaussians.clone().ok_or(Error::NoOwnGaussians)?;
+            recolour(&mut part, exposure);
+            per_view.push(part.len());
             match &mut all {
-                Some(all) => all.append(&own),
-                None => all = Some(own),
+                Some(all) => all.append(&part),
+                None => all = Some(part),
             }
         }
         let mut all = all.ok_or(Error::NoOwnGaussians)?;

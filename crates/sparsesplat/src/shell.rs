@@ -23,8 +23,9 @@ fn cells_along(length: usize, cell: f64) -> usize {
 }
 
 fn count(views: &[View], cell: f64) -> usize {
-    let of = |view: &View| cells_along(view.image().width(), cell) * cells_along(view.image().height(), cell);
-    views.iter().map(of).sum()
+    let cells =
+        |view: &View| cells_along(view.image().width(), cell) * cells_along(view.image().height(), cell);
+    views.iter().map(cells).sum()
 }
 
 /// Cell size, pixels, for which the shell of all views takes at most its share of `budget` Gaussians.

@@ -93,8 +93,8 @@ fn average(pixels: &Anchors, members: &[u32], views: &[View], geometry: &[ViewGe
             let (pixel, width) = (pixel_of(i), camera.width());
             return Some((i, DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5)));
         }
-        let at = camera.project(DVec3::from(pixels.positions[i as usize]));
-        at.filter(|&at| camera.contains(at)).map(|at| (i, at))
+        let place = camera.project(DVec3::from(pixels.positions[i as usize]));
+        place.filter(|&place| camera.contains(place)).map(|place| (i, place))
     };
     let seen: Vec<(u32, DVec2)> = members.iter().filter_map(seen_from_home).collect();
 
@@ -103,7 +103,7 @@ fn average(pixels: &Anchors, members: &[u32], views: &[View], geometry: &[ViewGe
     let (mut position, mut normal, mut colour) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
     let mut centre = DVec2::ZERO;
     let mut features = vec![0.0_f64; pixels.channels];
-    for &(i, at) in &seen {
+    for &(i, place) in &seen {
         let share = confidence(i);
         weight += share;
         area += f32::from(u8::from(view_of(i) == home));
@@ -112,23 +112,24 @@ fn average(pixels: &Anchors, members: &[u32], views: &[View], geometry: &[ViewGe
         let image = views[view_of(i)].image();
         let rgb = image.pixel(pixel_of(i) % image.width(), pixel_of(i) / image.width());
         colour += share * DVec3::from(rgb.map(f64::from));
-        centre += share * at;
+        centre += share * place;
         let values = &pixels.features[i as usize * pixels.channels..][..pixels.channels];
         features.iter_mut().zip(values).for_each(|(sum, &value)| *sum += share * f64::from(value));
     }
     let position = origin + position / weight;
     let centre = centre / weight;
     let mut spread = [0.0; 3];
-    for &(i, at) in &seen {
-        let (share, off) = (confidence(i) / weight, at - centre);
+    for &(i, place) in &seen {
+        let (share, off) = (confidence(i) / weight, place - centre);
         [off.x * off.x, off.x * off.y, off.y * off.y]
             .iter()
             .zip(&mut spread)
             .for_each(|(v, sum)| *sum += share * v);
     }
     let distance = |i: u32| DVec3::from(pixels.positions[i as usize]).distance_squared(position);
-    let own = members.iter().copied().filter(|&i| view_of(i) == home);
-    let pixel = own.min_by(|&i, &j| distance(i).total_cmp(&distance(j))).unwrap_or(members[0]) as usize;
+    let home_members = members.iter().copied().filter(|&i| view_of(i) == home);
+    let pixel =
+        home_members.min_by(|&i, &j| distance(i).total_cmp(&distance(j))).unwrap_or(members[0]) as usize;
     // A convex set's mean is in front of the camera, but for rounding.
     let depth = Some(camera.to_camera(position).z).filter(|&z| z > 0.0);
     let depth = depth.unwrap_or_else(|| f64::from(pixels.depths[pixel]));
@@ -178,11 +179,12 @@ fn groups(points: &[[f64; 3]], footprints: &[f32], count: usize) -> Vec<Vec<u32>
 
 /// Takes the upper half of a group of several points, along the axis on which it is longest.
 fn halve(group: &mut Vec<u32>, points: &[[f64; 3]]) -> Vec<u32> {
-    let at = |i: u32| DVec3::from(points[i as usize]);
-    let bounds =
-        group.iter().fold((at(group[0]), at(group[0])), |(low, high), &i| (low.min(at(i)), high.max(at(i))));
+    let point = |i: u32| DVec3::from(points[i as usize]);
+    let bounds = group
+        .iter()
+        .fold((point(group[0]), point(group[0])), |(low, high), &i| (low.min(point(i)), high.max(point(i))));
     let axis = (bounds.1 - bounds.0).max_position();
-    group.sort_by(|&i, &j| at(i)[axis].total_cmp(&at(j)[axis]).then(i.cmp(&j)));
+    group.sort_by(|&i, &j| point(i)[axis].total_cmp(&point(j)[axis]).then(i.cmp(&j)));
     let mut upper = group.split_off(group.len() / 2);
     group.sort_unstable();
     upper.sort_unstable();

@@ -51,11 +51,14 @@ impl fmt::Display for Loss {
             Self::Rounded { quantity, bits, error, unit } => {
                 write!(f, "{quantity} is rounded to {bits} bits: by up to {error:.2e} {unit}")
             }
-            Self::Clipped { quantity, gaussians, of, range: [from, to] } => {
-                write!(f, "{quantity} is clipped to {from:.3e} .. {to:.3e} in {gaussians} of {of} Gaussians")
+            Self::Clipped { quantity, gaussians, of: total, range: [from, to] } => {
+                write!(
+                    f,
+                    "{quantity} is clipped to {from:.3e} .. {to:.3e} in {gaussians} of {total} Gaussians"
+                )
             }
-            Self::Saturated { quantity, gaussians, of } => {
-                write!(f, "{quantity} is rounded to 0 or 1 in {gaussians} of {of} Gaussians")
+            Self::Saturated { quantity, gaussians, of: total } => {
+                write!(f, "{quantity} is rounded to 0 or 1 in {gaussians} of {total} Gaussians")
             }
             Self::ShDropped { degree } => write!(
                 f,
@@ -83,8 +86,8 @@ impl Clipping {
         self.gaussians += usize::from(numbers.into_iter().any(|value| !(from..=to).contains(&value)));
     }
 
-    pub(crate) fn loss(&self, of: usize) -> Option<Loss> {
+    pub(crate) fn loss(&self, total: usize) -> Option<Loss> {
         let Self { quantity, range, gaussians } = *self;
-        (gaussians > 0).then_some(Loss::Clipped { quantity, gaussians, of, range })
+        (gaussians > 0).then_some(Loss::Clipped { quantity, gaussians, of: total, range })
     }
 }

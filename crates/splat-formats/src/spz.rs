@@ -233,7 +233,7 @@ pub(crate) fn decode(reader: &mut impl BufRead) -> Decoded {
     let mut stream = Stream { gzip: GzDecoder::new(counted), bytes: 0 };
     let header = stream.bytes(HEADER as u64)?;
     let Ok(header) = <[u8; HEADER]>::try_from(header) else { return Err(Rule::Header.into()) };
-    let word = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| header[at + i]));
+    let word = |start: usize| u32::from_le_bytes(std::array::from_fn(|i| header[start + i]));
     if header[..4] != MAGIC {
         return Err(Rule::Magic.into());
     }
@@ -320,7 +320,7 @@ fn extensions<R: BufRead>(stream: &mut Stream<R>, remarks: &mut Vec<Remark>) -> 
     let mut flip = Flip::spz();
     let mut rest = bytes.as_slice();
     while let Some((head, content)) = rest.split_first_chunk::<8>() {
-        let [kind, length] = [0, 4].map(|at| u32::from_le_bytes(std::array::from_fn(|i| head[at + i])));
+        let [kind, length] = [0, 4].map(|start| u32::from_le_bytes(std::array::from_fn(|i| head[start + i])));
         let Some((content, behind)) = content.split_at_checked(length as usize) else {
             return Err(Rule::Truncated {
                 what: "bytes of an extension",

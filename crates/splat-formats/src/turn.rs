@@ -201,12 +201,17 @@ mod tests {
     /// The covariance of the first Gaussian, and its colour in a direction.
     fn seen(scene: &Gaussians, direction: DVec3) -> (DVec3, DMat3, DVec3) {
         let g = scene.geometry();
-        let at = |i: usize| f64::from(g[i]);
-        let q = DQuat::from_xyzw(at(4), at(5), at(6), at(3)).normalize();
-        let m = DMat3::from_quat(q) * DMat3::from_diagonal(DVec3::new(at(7).exp(), at(8).exp(), at(9).exp()));
+        let value = |i: usize| f64::from(g[i]);
+        let q = DQuat::from_xyzw(value(4), value(5), value(6), value(3)).normalize();
+        let m = DMat3::from_quat(q)
+            * DMat3::from_diagonal(DVec3::new(value(7).exp(), value(8).exp(), value(9).exp()));
         let basis = basis(direction);
         let colour = |c: usize| (0..16).map(|k| basis[k] * f64::from(scene.sh()[3 * k + c])).sum::<f64>();
-        (DVec3::new(at(0), at(1), at(2)), m * m.transpose(), DVec3::from(std::array::from_fn(colour)))
+        (
+            DVec3::new(value(0), value(1), value(2)),
+            m * m.transpose(),
+            DVec3::from(std::array::from_fn(colour)),
+        )
     }
 
     fn assert_turned(before: &Gaussians, after: &Gaussians, turn: DMat3, scale: f64, shift: DVec3) {

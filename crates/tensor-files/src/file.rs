@@ -163,15 +163,16 @@ impl TorchFile {
         let mut position = [0u64; MAX_DIMENSIONS];
         let mut elements = Vec::new();
         for _ in 0..tensor.count() {
-            let place: u64 = position.iter().zip(&tensor.strides).map(|(&at, &stride)| at * stride).sum();
+            let place: u64 =
+                position.iter().zip(&tensor.strides).map(|(&index, &stride)| index * stride).sum();
             let start = (tensor.offset + place) as usize * size;
             elements.push(decode(&bytes[start..start + size]));
-            for (at, &length) in position.iter_mut().zip(shape).rev() {
-                *at += 1;
-                if *at < length {
+            for (index, &length) in position.iter_mut().zip(shape).rev() {
+                *index += 1;
+                if *index < length {
                     break;
                 }
-                *at = 0;
+                *index = 0;
             }
         }
         Ok(elements)

@@ -31,21 +31,21 @@ impl Legacy {
         let mut bytes = Vec::new();
         file.seek(SeekFrom::Start(0)).map_err(unreadable)?;
         Read::take(&mut file, MAX_PICKLE).read_to_end(&mut bytes).map_err(unreadable)?;
-        let run = |bytes, at| {
-            run(bytes, at).map_err(|rule| match rule {
+        let run = |bytes, start| {
+            run(bytes, start).map_err(|rule| match rule {
                 Rule::Truncated { .. } if length > MAX_PICKLE => broken(Rule::PickleSize { found: length }),
                 rule => broken(rule),
             })
         };
-        let (mut pickle, mut at) = run(bytes, MAGIC.len())?;
+        let (mut pickle, mut position) = run(bytes, MAGIC.len())?;
         if pickle.root() != Value::Int(VERSION) {
             return Err(broken(Rule::LegacyVersion));
         }
-        (pickle, at) = run(pickle.into_bytes(), at)?;
+        (pickle, position) = run(pickle.into_bytes(), position)?;
         if pickle.get(pickle.root(), "little_endian") != Some(Value::Bool(true)) {
             return Err(broken(Rule::ByteOrder { found: "big".to_owned() }));
         }
-        let (values, after) = run(pickle.into_bytes(), at)?;
+        let (values, after) = run(pickle.into_bytes(), position)?;
         let (keys, after) = run(values.bytes().to_vec(), after)?;
         let sizes: HashMap<&str, u64> = values.storages().collect();
         let listed = keys.items(keys.root()).ok_or_else(|| broken(Rule::LegacyKeys))?;

@@ -62,8 +62,8 @@ pub(super) fn breakdown(summary: &Summary) -> String {
             escape(&row.label.point)
         );
         let mut left = NAME;
-        for (stage, (name, of)) in STAGES.iter().enumerate() {
-            let seconds = of(&row.seconds);
+        for (stage, (name, value)) in STAGES.iter().enumerate() {
+            let seconds = value(&row.seconds);
             let width = BAR * seconds / longest;
             let _ = writeln!(
                 svg,

@@ -32,14 +32,14 @@ pub fn statements(summary: &Summary) -> Vec<String> {
         let goal = format!("the pixel-aligned PSNR ({} dB)", decibel(*aligned));
         let paper = paper.map_or(String::new(), |paper| format!("; the paper says {}", percent(paper)));
         said.push(match (reached, share) {
-            (Reached::At { gaussians }, Some(of)) => {
+            (Reached::At { gaussians }, Some(fraction)) => {
                 let n = count(*gaussians);
-                format!("{curve} reaches {goal} at {n} Gaussians, {} of its count{paper}.", percent(*of))
+                format!("{curve} reaches {goal} at {n} Gaussians, {} of its count{paper}.", percent(*fraction))
             }
-            (Reached::AtOnce { gaussians }, Some(of)) => format!(
+            (Reached::AtOnce { gaussians }, Some(fraction)) => format!(
                 "{curve} has {goal} already at {} Gaussians, the fewest that were measured: {} of its count or less{paper}.",
                 count(*gaussians),
-                percent(*of)
+                percent(*fraction)
             ),
             _ => format!("{curve} does not reach {goal} at any count that was measured{paper}."),
         });
@@ -159,15 +159,15 @@ fn front(row: &Row) -> &'static str {
 pub fn share_table(summary: &Summary) -> Table {
     let mut table = Table::new(&["curve", "Gaussians", "share of pixel-aligned", "paper"], 1);
     for share in &summary.shares {
-        let (n, of) = match (share.reached, share.share) {
-            (Reached::At { gaussians }, Some(of)) => (count(gaussians), percent(of)),
-            (Reached::AtOnce { gaussians }, Some(of)) => {
-                (format!("{} or less", count(gaussians)), format!("{} or less", percent(of)))
+        let (n, fraction) = match (share.reached, share.share) {
+            (Reached::At { gaussians }, Some(fraction)) => (count(gaussians), percent(fraction)),
+            (Reached::AtOnce { gaussians }, Some(fraction)) => {
+                (format!("{} or less", count(gaussians)), format!("{} or less", percent(fraction)))
             }
             _ => ("not reached".to_owned(), "not reached".to_owned()),
         };
         let paper = share.paper.map_or_else(|| "-".to_owned(), percent);
-        table.push(vec![share.curve.clone(), n, of, paper]);
+        table.push(vec![share.curve.clone(), n, fraction, paper]);
     }
     table
 }
@@ -220,7 +220,7 @@ pub fn csv(summary: &Summary) -> String {
 /// What a table has to say of its figures: views, size, seeds, what was dropped and why, and of which data.
 #[must_use]
 pub fn stated(summary: &Summary) -> Vec<String> {
-    let list = |of: &[usize]| of.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+    let list = |indices: &[usize]| indices.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
     let window = |(name, views): (&String, &Views)| {
         let Views { context, targets, size: (width, height), .. } = views;
         format!("{name} ({width}x{height}; context {}; held out {})", list(context), list(targets))

@@ -56,22 +56,22 @@ impl Header {
 }
 
 /// The first place where two values differ.
-fn difference(at: &str, a: &Value, b: &Value) -> Option<(String, String, String)> {
-    if a == b || OF_THE_RUN.contains(&at) {
+fn difference(place: &str, a: &Value, b: &Value) -> Option<(String, String, String)> {
+    if a == b || OF_THE_RUN.contains(&place) {
         return None;
     }
-    let below = |key: &str| if at.is_empty() { key.to_owned() } else { format!("{at}.{key}") };
+    let below = |key: &str| if place.is_empty() { key.to_owned() } else { format!("{place}.{key}") };
     match (a, b) {
         (Value::Object(x), Value::Object(y)) => {
             let keys = x.keys().chain(y.keys().filter(|key| !x.contains_key(*key)));
-            let of =
+            let field =
                 |map: &serde_json::Map<String, Value>, key: &str| map.get(key).cloned().unwrap_or_default();
-            keys.into_iter().find_map(|key| difference(&below(key), &of(x, key), &of(y, key)))
+            keys.into_iter().find_map(|key| difference(&below(key), &field(x, key), &field(y, key)))
         }
         (Value::Array(x), Value::Array(y)) if x.len() == y.len() => {
             x.iter().zip(y).enumerate().find_map(|(i, (x, y))| difference(&below(&i.to_string()), x, y))
         }
-        _ => Some((at.to_owned(), shortened(a), shortened(b))),
+        _ => Some((place.to_owned(), shortened(a), shortened(b))),
     }
 }
 

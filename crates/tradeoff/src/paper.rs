@@ -279,8 +279,8 @@ impl Comparison {
     #[must_use]
     pub fn new(table: PaperTable, summary: &Summary) -> Self {
         let columns = table.columns();
-        let keyed = |of: &dyn Fn(usize) -> f64| {
-            Figures(columns.iter().enumerate().map(|(i, column)| (column.0, of(i))).collect())
+        let keyed = |value: &dyn Fn(usize) -> f64| {
+            Figures(columns.iter().enumerate().map(|(i, column)| (column.0, value(i))).collect())
         };
         let compared = |Pair(kind, ours, paper): Pair| {
             let row = ours.and_then(|(allocation, count)| summary.by_count(allocation, count));
@@ -323,11 +323,11 @@ impl Comparison {
             .collect();
         let mut table = Table::new(&head, 2);
         let cells = |figures: &Option<Figures>| -> Vec<String> {
-            let of = |(i, column): (usize, &Column)| {
+            let cell = |(i, column): (usize, &Column)| {
                 let value = figures.as_ref().map_or(f64::NAN, |figures| figures.0[i].1);
                 column.2.map_or_else(|| count(value), |digits| number(value, digits))
             };
-            columns.iter().enumerate().map(of).collect()
+            columns.iter().enumerate().map(cell).collect()
         };
         for row in &self.rows {
             let name = row.point.clone().unwrap_or_else(|| "-".to_owned());
@@ -363,10 +363,10 @@ mod tests {
         // Entropy at 1k and 10k, and one per pixel.
         let summary = summary(&[20.0, 22.8], 22.9);
         let main = Comparison::new(PaperTable::Main, &summary);
-        let of = |name: &str| main.rows.iter().find(|row| row.point.as_deref() == Some(name)).unwrap();
-        assert_eq!(of("entropy-10k").paper.as_ref().unwrap().0[0], ("psnr_held_out", 21.29));
-        assert_eq!(of("entropy-10k").ours.as_ref().unwrap().0[0], ("psnr_held_out", 22.8));
-        assert_eq!(of("pixel-aligned").paper_row, Some("DepthSplat"));
+        let entry = |name: &str| main.rows.iter().find(|row| row.point.as_deref() == Some(name)).unwrap();
+        assert_eq!(entry("entropy-10k").paper.as_ref().unwrap().0[0], ("psnr_held_out", 21.29));
+        assert_eq!(entry("entropy-10k").ours.as_ref().unwrap().0[0], ("psnr_held_out", 22.8));
+        assert_eq!(entry("pixel-aligned").paper_row, Some("DepthSplat"));
         // What was not measured is shown as the paper's alone, or not at all.
         assert!(main.rows.iter().any(|row| row.paper_row == Some("GGN") && row.ours.is_none()));
         assert!(main.rows.iter().all(|row| row.kind != DRAWN));

@@ -126,23 +126,24 @@ where
     let is_other =
         |row: &&Row| row.label.axis.competes() && !curves.iter().any(|(_, rows)| rows.contains(row));
     let others: Vec<&Row> = shown(summary).filter(is_other).collect();
-    let at = |row: &Row| (cost(row), row.psnr_held_out);
-    let pixel = |row: &Row| chart.backend_coord(&at(row));
+    let position = |row: &Row| (cost(row), row.psnr_held_out);
+    let pixel = |row: &Row| chart.backend_coord(&position(row));
     let names: Vec<(&str, (i32, i32))> =
         others.iter().map(|row| (row.label.point.as_str(), pixel(row))).collect();
     let alone = others.iter().map(|row| vec![pixel(row)]);
     let lines = curves.iter().map(|(_, rows)| rows.iter().map(|row| pixel(row)).collect());
-    let front = front.iter().map(|at| chart.backend_coord(at)).collect();
+    let front = front.iter().map(|point| chart.backend_coord(point)).collect();
     let lines: Vec<Vec<(i32, i32)>> = alone.chain(lines).chain([front]).collect();
     let (columns, rows) = chart.plotting_area().get_pixel_range();
     let places = place(&names, &lines, [columns.start, rows.start, columns.end, rows.end]);
     for (row, place) in others.into_iter().zip(places) {
-        marks(chart, &[at(row)], style(COLOURS[6], 1), 3)?;
+        marks(chart, &[position(row)], style(COLOURS[6], 1), 3)?;
         let font = ("sans-serif", 12).into_font().color(&COLOURS[6]).pos(Pos::new(HPos::Left, VPos::Top));
-        let text = EmptyElement::at(at(row)) + Text::new(row.label.point.clone(), place.corner, font);
+        let text = EmptyElement::at(position(row)) + Text::new(row.label.point.clone(), place.corner, font);
         chart.draw_series(std::iter::once(text))?;
         if let Some(end) = place.leader {
-            let leader = EmptyElement::at(at(row)) + PathElement::new([(0, 0), end], style(COLOURS[6], 1));
+            let leader =
+                EmptyElement::at(position(row)) + PathElement::new([(0, 0), end], style(COLOURS[6], 1));
             chart.draw_series(std::iter::once(leader))?;
         }
     }
@@ -186,8 +187,8 @@ fn frames(area: &Area<'_>, summary: &Summary) -> Drawn {
         line(&mut chart, &mut names, name, &points, style(COLOURS[i % COLOURS.len()], 2), 3)?;
     }
     if let Some(aligned) = summary.pixel_aligned() {
-        let at = [(aligned.gaussians, rate(aligned))];
-        line(&mut chart, &mut names, "pixel-aligned", &at, style(COLOURS[6], 1), 5)?;
+        let point = [(aligned.gaussians, rate(aligned))];
+        line(&mut chart, &mut names, "pixel-aligned", &point, style(COLOURS[6], 1), 5)?;
     }
     legend(&side, &names)
 }

@@ -204,7 +204,7 @@ impl Loaded {
         on_step: &mut dyn FnMut(Step),
     ) -> Result<usize> {
         let key = (point.shrink, predictor.config().backbone.clone(), predictor.wanted());
-        if let Some(known) = self.surveys.iter().position(|(of, _)| *of == key) {
+        if let Some(known) = self.surveys.iter().position(|(other, _)| *other == key) {
             return Ok(known);
         }
         self.shrink(plan, point.shrink)?;
@@ -214,7 +214,7 @@ impl Loaded {
     }
 
     fn window(&self, shrink: usize) -> &Window {
-        self.smaller.iter().find(|(of, _)| *of == shrink).map_or(&self.whole, |(_, window)| window)
+        self.smaller.iter().find(|(factor, _)| *factor == shrink).map_or(&self.whole, |(_, window)| window)
     }
 
     fn measure(

@@ -223,7 +223,7 @@ fn knee_of(points: &[Row], cost: fn(&Row) -> f64) -> Option<Knee> {
 }
 
 fn shares(points: &[Row]) -> Vec<Share> {
-    let of = |(name, rows): (String, Vec<&Row>)| {
+    let curve_share = |(name, rows): (String, Vec<&Row>)| {
         // With the same head: else heads would be compared, not allocations. Of the others only the closed form has one per pixel.
         let label = &rows[0].label;
         let is_comparable = label.axis != Axis::Head || label.point.starts_with(CLOSED_FORM);
@@ -238,7 +238,7 @@ fn shares(points: &[Row]) -> Vec<Share> {
         let paper = (name == PAPER_SHARE.0).then_some(PAPER_SHARE.1);
         Some(Share { curve: name, aligned: aligned.psnr_held_out, reached, share, paper })
     };
-    curves(points).into_iter().filter_map(of).collect()
+    curves(points).into_iter().filter_map(curve_share).collect()
 }
 
 /// Entries by window, point and seed.
@@ -305,23 +305,23 @@ impl<'a> Entries<'a> {
             None => (Vec::new(), Some(self.why_not(&label.point))),
         };
         // Of each window one number, of each scene their mean, of these the mean.
-        let over_scenes = |of: &dyn Fn(&[&Measured]) -> f64| {
+        let over_scenes = |value: &dyn Fn(&[&Measured]) -> f64| {
             let mut scenes: Vec<(&str, Vec<f64>)> = Vec::new();
             for (window, runs) in self.windows.iter().zip(&runs) {
                 let scene = scene_of(window);
                 match scenes.iter_mut().find(|(name, _)| *name == scene) {
-                    Some((_, values)) => values.push(of(runs)),
-                    None => scenes.push((scene, vec![of(runs)])),
+                    Some((_, values)) => values.push(value(runs)),
+                    None => scenes.push((scene, vec![value(runs)])),
                 }
             }
             mean(scenes.into_iter().map(|(_, values)| mean(values.into_iter())))
         };
-        let per_seed = |of: fn(&Measured) -> Option<f64>| -> Vec<f64> {
-            let of_seed = |i: usize| over_scenes(&|runs| of(runs[i]).unwrap_or(f64::NAN));
+        let per_seed = |value: fn(&Measured) -> Option<f64>| -> Vec<f64> {
+            let of_seed = |i: usize| over_scenes(&|runs| value(runs[i]).unwrap_or(f64::NAN));
             (0..seeds.len()).map(of_seed).collect()
         };
         // Of one run, so that its stages add up.
-        let seconds = |of: &dyn Fn(&Seconds) -> f64| over_scenes(&|runs| of(median_run(runs)));
+        let seconds = |value: &dyn Fn(&Seconds) -> f64| over_scenes(&|runs| value(median_run(runs)));
         let (psnrs, ssims) = (per_seed(|run| run.psnr_held_out), per_seed(|run| run.ssim_held_out));
         let lpips = mean(per_seed(|run| run.lpips_held_out).into_iter());
         let spread = deviation(&psnrs)
@@ -335,7 +335,7 @@ impl<'a> Entries<'a> {
             ssim_held_out: mean(ssims.into_iter()),
             lpips_held_out: Some(lpips).filter(|lpips| lpips.is_finite()),
             spread,
-            seconds: Seconds::of_each(|of| seconds(of)),
+            seconds: Seconds::of_each(|value| seconds(value)),
             seconds_to_gaussians: seconds(&Seconds::to_gaussians),
             frames_per_second: 1.0 / over_scenes(&|runs| median(runs.iter().map(per_frame))),
             ply_bytes: mean(per_seed(|run| Some(run.ply_bytes as f64)).into_iter()),

@@ -250,7 +250,7 @@ pub fn points(
     all.add(Axis::Budget, &name_of(Allocation::PixelAligned), |point| {
         point.method.predict.allocation = Allocation::PixelAligned;
     });
-    let is_rival = |of: &&Allocation| **of != ours && **of != Allocation::PixelAligned;
+    let is_rival = |other: &&Allocation| **other != ours && **other != Allocation::PixelAligned;
     for &allocation in allocations.iter().filter(is_rival) {
         for n in with_base(extent.rival_budgets(allocation)) {
             all.count(Axis::Allocation, &name_of(allocation), allocation, n, |_| {});
@@ -473,8 +473,9 @@ mod tests {
         assert!(!all.iter().any(|point| of_network(&point)));
         let backbone = Backbone::DepthSplat("weights".into());
         let base = Method::feed_forward(Config { backbone, ..Config::default() });
-        let own: Vec<Point> = swept(&base, Extent::Quick).into_iter().filter(|p| of_network(&p)).collect();
-        assert!(own.len() == 1 && own[0].label.point == "depthsplat-pixel-aligned");
+        let network_points: Vec<Point> =
+            swept(&base, Extent::Quick).into_iter().filter(|p| of_network(&p)).collect();
+        assert!(network_points.len() == 1 && network_points[0].label.point == "depthsplat-pixel-aligned");
     }
 
     #[test]

@@ -138,9 +138,13 @@ mod tests {
     #[test]
     fn the_rate_rises_then_falls_to_its_last() {
         let rates = Rates { learning_rate: 1.0, warm_up: 10, last: 0.1, clip: 1.0 };
-        let of = |step| rates.of_step(step, 110);
-        assert!((of(0) - 0.1).abs() < 1e-12 && (of(9) - 1.0).abs() < 1e-12 && (of(10) - 1.0).abs() < 1e-12);
-        assert!((of(60) - 0.55).abs() < 1e-12 && (of(110) - 0.1).abs() < 1e-12 && of(500) >= 0.1 - 1e-12);
-        assert!((0..110).all(|step| of(step).is_finite() && of(step) > 0.0));
+        let rate = |step| rates.of_step(step, 110);
+        assert!(
+            (rate(0) - 0.1).abs() < 1e-12 && (rate(9) - 1.0).abs() < 1e-12 && (rate(10) - 1.0).abs() < 1e-12
+        );
+        assert!(
+            (rate(60) - 0.55).abs() < 1e-12 && (rate(110) - 0.1).abs() < 1e-12 && rate(500) >= 0.1 - 1e-12
+        );
+        assert!((0..110).all(|step| rate(step).is_finite() && rate(step) > 0.0));
     }
 }

@@ -27,10 +27,10 @@ pub(crate) fn disturbed(
         let draw = |what| unit(seed, Stream::Disturbance, 1 + 3 * i + what);
         let strength = strength * draw(0).powi(2);
         let cell = CELL[0] * (CELL[1] / CELL[0]).powf(draw(1));
-        let own = bits(seed, Stream::Disturbance, 1 + 3 * i + 2);
+        let view_seed = bits(seed, Stream::Disturbance, 1 + 3 * i + 2);
         let (width, height) = (view.depth.width(), view.depth.height());
         let corners = (width as f64 / cell) as usize + 2;
-        let corner = |x: usize, y: usize| 2.0 * unit(own, Stream::Disturbance, y * corners + x) - 1.0;
+        let corner = |x: usize, y: usize| 2.0 * unit(view_seed, Stream::Disturbance, y * corners + x) - 1.0;
         let mut depth = view.depth.data().to_vec();
         for (pixel, depth) in depth.iter_mut().enumerate() {
             let (x, y) = ((pixel % width) as f64 / cell, (pixel / width) as f64 / cell);

@@ -22,9 +22,9 @@ impl Net {
     /// Outputs `[n, 38]`, differentiable by `weights`, the numbers of all tensors one after the other: in a `VarMap` the tensors would
     /// have no order, and the length of their gradient would depend on it.
     pub(crate) fn outputs(&self, weights: &Tensor, inputs: HeadInputs) -> Result<Tensor> {
-        let of = |values: Vec<f32>, width| Tensor::from_vec(values, (inputs.n, width), &Device::Cpu);
-        let geometry = of(inputs.geometry, self.config.geometry)?;
-        let image = of(inputs.image, self.config.image)?;
+        let tensor = |values: Vec<f32>, width| Tensor::from_vec(values, (inputs.n, width), &Device::Cpu);
+        let geometry = tensor(inputs.geometry, self.config.geometry)?;
+        let image = tensor(inputs.image, self.config.image)?;
         let neighbourhood = Neighbourhood {
             k: inputs.k,
             neighbours: inputs.neighbours.into(),

@@ -46,8 +46,10 @@ fn seen(camera: &Camera, context: &[View], geometry: &[ViewGeometry]) -> Vec<boo
         for (pixel, &depth) in depths {
             let (x, y) = (pixel % geometry.depth.width(), pixel / geometry.depth.width());
             let point = view.camera().unproject(DVec2::new(x as f64 + 0.5, y as f64 + 0.5), f64::from(depth));
-            let Some(at) = camera.project(point).filter(|&at| camera.contains(at)) else { continue };
-            let (x, y) = (at.x as usize, at.y as usize);
+            let Some(position) = camera.project(point).filter(|&position| camera.contains(position)) else {
+                continue;
+            };
+            let (x, y) = (position.x as usize, position.y as usize);
             for row in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
                 seen[row * width..][x.saturating_sub(REACH)..(x + REACH + 1).min(width)].fill(true);
             }

@@ -29,9 +29,9 @@ impl Sources {
     pub(crate) fn mix(&mut self, before: usize, others: Self, share: f64) {
         assert!(share > 0.0 && share < 1.0, "a share of two");
         self.0.iter_mut().for_each(|source| source.share *= 1.0 - share);
-        for Source { share: own, scenes } in others.0 {
+        for Source { share: weight, scenes } in others.0 {
             let scenes = scenes.into_iter().map(|items| items.start + before..items.end + before);
-            self.0.push(Source { share: own * share, scenes: scenes.collect() });
+            self.0.push(Source { share: weight * share, scenes: scenes.collect() });
         }
     }
 

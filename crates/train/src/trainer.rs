@@ -321,9 +321,9 @@ impl Trainer {
         let (loss, gaussians, psnr) =
             (mean(sums[numbers]), mean(sums[numbers + 1]), sums[numbers + 2] / sums[numbers + 3]);
         let gradients = sums[..numbers].iter().map(|sum| mean(*sum) as f32).collect();
-        let at = (self.step, self.config.steps);
+        let position = (self.step, self.config.steps);
         let Taken { lr, gradient, skipped } =
-            self.adam.step(&self.config.rates, at, &mut self.weights, gradients, loss);
+            self.adam.step(&self.config.rates, position, &mut self.weights, gradients, loss);
         self.skipped += usize::from(skipped);
         self.step += 1;
         let seconds = begin.elapsed().as_secs_f64();

@@ -77,10 +77,10 @@ fn the_gradient_of_the_chain_is_that_of_differences() {
             found.gradient.iter().enumerate().map(|(i, g)| if fixed(i) { 0.0 } else { *g }).collect();
         let slope = length(&direction);
         assert!(slope > 0.0);
-        let at = trainer.weights.clone();
+        let weights = trainer.weights.clone();
         let mut value = |by: f64| {
             let step = (by / slope) as f32;
-            trainer.weights = at.iter().zip(&direction).map(|(w, d)| w + step * d).collect();
+            trainer.weights = weights.iter().zip(&direction).map(|(w, d)| w + step * d).collect();
             trainer.pass(0).unwrap().loss
         };
         let piece = 2e-4;

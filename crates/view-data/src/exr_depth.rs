@@ -112,9 +112,9 @@ mod tests {
         #[test]
         fn damaged_files_give_errors(flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..6), cut in any::<prop::sample::Index>()) {
             let mut bytes = encoded();
-            for (at, value) in flips {
-                let at = at.index(bytes.len());
-                bytes[at] = value;
+            for (place, value) in flips {
+                let index = place.index(bytes.len());
+                bytes[index] = value;
             }
             let _ = read(&bytes, Path::new("c.exr"));
             bytes.truncate(cut.index(bytes.len()));

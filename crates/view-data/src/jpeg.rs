@@ -48,22 +48,24 @@ const FILLED_UP: usize = 8;
 pub(crate) fn check(bytes: &[u8]) -> Result<(), JpegRule> {
     let mut tables = Tables::default();
     let (mut frame, mut interval) = (None, 0);
-    let mut at = 2;
+    let mut offset = 2;
     // Segments are passed over by their length: a thumbnail in one has an end marker of its own.
-    while let Some(&[0xff, marker]) = bytes.get(at..at + 2) {
+    while let Some(&[0xff, marker]) = bytes.get(offset..offset + 2) {
         match marker {
             // A marker may be preceded by any number of fill bytes.
             0xff => {
-                at += 1;
+                offset += 1;
                 continue;
             }
             END_OF_IMAGE => return Ok(()),
             _ => {}
         }
-        let Some(&[high, low]) = bytes.get(at + 2..at + 4) else { return Err(JpegRule::NoEnd) };
+        let Some(&[high, low]) = bytes.get(offset + 2..offset + 4) else { return Err(JpegRule::NoEnd) };
         let length = usize::from(u16::from_be_bytes([high, low]));
-        let Some(body) = bytes.get(at + 4..at + 2 + length.max(2)) else { return Err(JpegRule::NoEnd) };
-        at += 2 + length;
+        let Some(body) = bytes.get(offset + 4..offset + 2 + length.max(2)) else {
+            return Err(JpegRule::NoEnd);
+        };
+        offset += 2 + length;
         match marker {
             HUFFMAN_TABLES => tables.read(body),
             RESTART_INTERVAL => {
@@ -74,10 +76,10 @@ pub(crate) fn check(bytes: &[u8]) -> Result<(), JpegRule> {
             START_OF_SCAN => {
                 let scan = frame.as_ref().and_then(|frame: &Frame| Scan::read(body, frame, &tables));
                 match scan {
-                    Some(scan) => at = scan.check(bytes, at, interval)?,
+                    Some(scan) => offset = scan.check(bytes, offset, interval)?,
                     // In a scan the marker's bytes cannot occur as data.
                     None => {
-                        let rest = bytes.get(at..).unwrap_or_default();
+                        let rest = bytes.get(offset..).unwrap_or_default();
                         let ends = rest.windows(2).any(|pair| pair == [0xff, END_OF_IMAGE]);
                         return if ends { Ok(()) } else { Err(JpegRule::NoEnd) };
                     }
@@ -114,8 +116,10 @@ impl Tables {
                 }
                 code <<= 1;
             }
-            if let Some(place) =
-                self.0.get_mut(usize::from(head >> 4)).and_then(|of| of.get_mut(usize::from(head & 15)))
+            if let Some(place) = self
+                .0
+                .get_mut(usize::from(head >> 4))
+                .and_then(|tables| tables.get_mut(usize::from(head & 15)))
             {
                 *place = Some(table);
             }
@@ -170,7 +174,8 @@ impl<'a> Scan<'a> {
         let (across, down) = (largest(|&(_, h, _)| h)?, largest(|&(_, _, v)| v)?);
         if let [(h, v, tables)] = chosen[..] {
             // Alone, a component has the blocks that its own samples fill.
-            let blocks = |side: usize, own: usize, most: usize| (side * own).div_ceil(most).div_ceil(8);
+            let blocks =
+                |side: usize, samples: usize, most: usize| (side * samples).div_ceil(most).div_ceil(8);
             let units = blocks(frame.width, h, across) * blocks(frame.height, v, down);
             return Some(Self { blocks: vec![tables], units });
         }
@@ -180,12 +185,12 @@ impl<'a> Scan<'a> {
     }
 
     /// Counts the blocks of the data that begin at a byte; where the marker after them begins.
-    fn check(&self, bytes: &[u8], mut at: usize, interval: usize) -> Result<usize, JpegRule> {
+    fn check(&self, bytes: &[u8], mut offset: usize, interval: usize) -> Result<usize, JpegRule> {
         let interval = if interval == 0 { self.units } else { interval };
         let blocks = self.units * self.blocks.len();
         let (mut done, mut data) = (0, Vec::new());
         while done < self.units {
-            let end = unstuff(bytes, at, &mut data).ok_or(JpegRule::NoEnd)?;
+            let end = unstuff(bytes, offset, &mut data).ok_or(JpegRule::NoEnd)?;
             let mut bits = Bits { data: &data, at: 0, held: 0, buffer: 0, taken: 0 };
             for unit in done..self.units.min(done + interval) {
                 for (i, tables) in self.blocks.iter().enumerate() {
@@ -204,35 +209,35 @@ impl<'a> Scan<'a> {
             if left > FILLED_UP {
                 return Err(JpegRule::Left { bytes: left });
             }
-            at = end;
+            offset = end;
             if done < self.units {
                 // Between two intervals stands a restart marker.
-                match bytes.get(at + 1) {
-                    Some(0xd0..=0xd7) => at += 2,
+                match bytes.get(offset + 1) {
+                    Some(0xd0..=0xd7) => offset += 2,
                     Some(_) => return Err(JpegRule::Cut { block: done * self.blocks.len(), blocks }),
                     None => return Err(JpegRule::NoEnd),
                 }
             }
         }
-        Ok(at)
+        Ok(offset)
     }
 }
 
 /// Takes data up to the next marker, without the zeros that follow data bytes of 0xff; where the marker begins.
-fn unstuff(bytes: &[u8], mut at: usize, data: &mut Vec<u8>) -> Option<usize> {
+fn unstuff(bytes: &[u8], mut offset: usize, data: &mut Vec<u8>) -> Option<usize> {
     data.clear();
     loop {
-        let rest = bytes.get(at..)?;
+        let rest = bytes.get(offset..)?;
         let stop = rest.iter().position(|&byte| byte == 0xff)?;
         data.extend_from_slice(&rest[..stop]);
-        at += stop;
-        match bytes.get(at + 1)? {
+        offset += stop;
+        match bytes.get(offset + 1)? {
             0 => {
                 data.push(0xff);
-                at += 2;
+                offset += 2;
             }
-            0xff => at += 1,
-            _ => return Some(at),
+            0xff => offset += 1,
+            _ => return Some(offset),
         }
     }
 }
@@ -315,8 +320,8 @@ mod tests {
 
     /// Where the data of the only scan begin.
     fn data_of(bytes: &[u8]) -> usize {
-        let at = bytes.windows(2).position(|pair| pair == [0xff, START_OF_SCAN]).unwrap();
-        at + 2 + usize::from(u16::from_be_bytes([bytes[at + 2], bytes[at + 3]]))
+        let marker = bytes.windows(2).position(|pair| pair == [0xff, START_OF_SCAN]).unwrap();
+        marker + 2 + usize::from(u16::from_be_bytes([bytes[marker + 2], bytes[marker + 3]]))
     }
 
     #[test]
@@ -362,9 +367,9 @@ mod tests {
         assert!(check(&foreign).is_err());
         // Single bits: codes fall into step again after some blocks, but often not with the same number of them.
         let flips = (start..whole.len() - 40).step_by(17);
-        let told = flips.clone().filter(|&at| {
+        let told = flips.clone().filter(|&index| {
             let mut flipped = whole.clone();
-            flipped[at] ^= 0x10;
+            flipped[index] ^= 0x10;
             check(&flipped).is_err()
         });
         let (told, all) = (told.count(), flips.count());

@@ -71,11 +71,11 @@ const PIXELS_AT_ONCE: usize = 1 << 26;
 fn batches(pixels: &[usize]) -> Vec<Range<usize>> {
     let mut batches = Vec::new();
     let (mut first, mut sum) = (0, 0usize);
-    for (i, &own) in pixels.iter().enumerate() {
-        sum = sum.saturating_add(own);
+    for (i, &count) in pixels.iter().enumerate() {
+        sum = sum.saturating_add(count);
         if sum > PIXELS_AT_ONCE && i > first {
             batches.push(first..i);
-            (first, sum) = (i, own);
+            (first, sum) = (i, count);
         }
     }
     batches.extend((first < pixels.len()).then_some(first..pixels.len()));

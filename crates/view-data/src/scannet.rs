@@ -34,7 +34,7 @@ pub fn open_scannet(path: &Path) -> Result<Dataset> {
         return Err(broken(&file, FormatRule::NoIntrinsics { hint }));
     };
     let lens = Lens { intrinsics: colour, model: LensModel::PINHOLE };
-    let own = match depths.values().next() {
+    let depth_intrinsics = match depths.values().next() {
         Some(first) => intrinsics(path, "intrinsic_depth.txt", first)?,
         None => None,
     };
@@ -53,7 +53,7 @@ pub fn open_scannet(path: &Path) -> Result<Dataset> {
         }
         let pose = pose(&matrix).map_err(|rule| broken(&file, rule))?;
         let mut frame = frame(ImageSource::File(picture.clone()), lens, pose);
-        let file = |path| DepthFile { intrinsics: own, ..DepthFile::new(path, DEPTH_UNIT) };
+        let file = |path| DepthFile { intrinsics: depth_intrinsics, ..DepthFile::new(path, DEPTH_UNIT) };
         frame.depth = depth.map(file);
         frames.push(frame);
     }

@@ -62,7 +62,7 @@ impl Dataset {
         }
         if depths.is_empty() {
             let with_depth: Vec<usize> =
-                self.present().into_iter().filter(|&at| self.frames[at].depth.is_some()).collect();
+                self.present().into_iter().filter(|&frame| self.frames[frame].depth.is_some()).collect();
             let count = with_depth.len().min(FRAMES_READ);
             for i in 0..count {
                 // One at a time: they may be large.
@@ -81,8 +81,14 @@ impl DepthPercentiles {
         depths.retain(|depth| *depth > 0.0 && depth.is_finite());
         depths.sort_unstable_by(f32::total_cmp);
         let last = depths.len().checked_sub(1)?;
-        let at = |percent: f64| f64::from(depths[(last as f64 * 0.01 * percent).round() as usize]);
-        Some(Self { p0_5: at(0.5), p2: at(2.0), p50: at(50.0), p98: at(98.0), p99_5: at(99.5) })
+        let percentile = |percent: f64| f64::from(depths[(last as f64 * 0.01 * percent).round() as usize]);
+        Some(Self {
+            p0_5: percentile(0.5),
+            p2: percentile(2.0),
+            p50: percentile(50.0),
+            p98: percentile(98.0),
+            p99_5: percentile(99.5),
+        })
     }
 }
 

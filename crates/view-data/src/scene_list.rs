@@ -92,7 +92,8 @@ impl SceneList {
                         chunk = Some(open);
                     }
                     Err(error) => {
-                        let failed = |&at: &usize| Dropped::failed(self.entries[at].name.clone(), &error);
+                        let failed =
+                            |&position: &usize| Dropped::failed(self.entries[position].name.clone(), &error);
                         self.dropped.extend(positions.iter().map(failed));
                         continue;
                     }

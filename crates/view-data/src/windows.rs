@@ -82,7 +82,7 @@ pub fn windows_around(
         let mut about: Vec<usize> =
             others.iter().take(most - 1).map(|(_, other)| *other).chain([frame]).collect();
         about.sort_unstable();
-        let near: Vec<Camera> = about.iter().map(|at| cameras[*at]).collect();
+        let near: Vec<Camera> = about.iter().map(|index| cameras[*index]).collect();
         let selection = match select_views(&near, context, depth) {
             Ok(selection) if selection.targets.is_empty() => {
                 dropped.push(Dropped { key, reason: "no frame lies between its context views".to_owned() });
@@ -197,13 +197,13 @@ mod tests {
         }
         assert!(lengths.iter().min() < lengths.iter().max(), "near together and far apart: {lengths:?}");
         // Frames in another order: many of the same windows; a frame takes more or fewer neighbours by its place in the list.
-        let turned = |at: usize| (at * 7) % 60;
+        let turned = |index: usize| (index * 7) % 60;
         let mut mixed = cameras.clone();
-        (0..60).for_each(|at| mixed[turned(at)] = cameras[at]);
+        (0..60).for_each(|index| mixed[turned(index)] = cameras[index]);
         let (others, _) = windows_around("hall", &mixed, 4, DEPTH).unwrap();
         let shared = |window: &Window| {
             others.iter().any(|other| {
-                let mut there: Vec<usize> = window.context.iter().map(|at| turned(*at)).collect();
+                let mut there: Vec<usize> = window.context.iter().map(|index| turned(*index)).collect();
                 there.sort_unstable();
                 there == other.context
             })

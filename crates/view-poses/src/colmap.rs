@@ -230,8 +230,12 @@ fn models_in(folder: &Path) -> Vec<PathBuf> {
 }
 
 fn solution(task: &Task<'_>, model: &Dataset, models: usize) -> Result<Solution> {
-    let position_of: HashMap<&str, usize> =
-        task.photographs.iter().enumerate().map(|(at, photograph)| (photograph.name.as_str(), at)).collect();
+    let position_of: HashMap<&str, usize> = task
+        .photographs
+        .iter()
+        .enumerate()
+        .map(|(index, photograph)| (photograph.name.as_str(), index))
+        .collect();
     let name = |frame: usize| {
         let name = model.frames[frame].image.path().file_name().unwrap_or_default();
         position_of.get(&*name.to_string_lossy()).copied()
@@ -245,9 +249,9 @@ fn solution(task: &Task<'_>, model: &Dataset, models: usize) -> Result<Solution>
     let mut lenses: Vec<Option<gs_scene::Lens>> = vec![None; task.cameras.len()];
     let mut poses = vec![None; task.photographs.len()];
     for (frame, place) in model.frames.iter().zip(&places) {
-        if let Some(at) = *place {
-            poses[at] = Some(Pose { axes: frame.axes, position: frame.position });
-            lenses[task.photographs[at].camera] = Some(frame.lens);
+        if let Some(index) = *place {
+            poses[index] = Some(Pose { axes: frame.axes, position: frame.position });
+            lenses[task.photographs[index].camera] = Some(frame.lens);
         }
     }
     let lens = |(group, found): (&crate::CameraGroup, Option<gs_scene::Lens>)| {
@@ -263,8 +267,8 @@ fn solution(task: &Task<'_>, model: &Dataset, models: usize) -> Result<Solution>
     let mut points = model.points()?.unwrap_or_default();
     for point in &mut points {
         point.observations.retain_mut(|seen| match places[seen.frame] {
-            Some(at) => {
-                seen.frame = at;
+            Some(index) => {
+                seen.frame = index;
                 true
             }
             None => false,

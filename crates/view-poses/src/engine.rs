@@ -103,17 +103,17 @@ impl Solution {
     }
 
     /// The camera of a photograph that has a pose, if its numbers make one.
-    pub(crate) fn camera(&self, photographs: &[Photograph], at: usize) -> Option<(Lens, Camera)> {
-        let pose = self.poses[at]?;
-        let lens = self.lenses[photographs[at].camera];
+    pub(crate) fn camera(&self, photographs: &[Photograph], index: usize) -> Option<(Lens, Camera)> {
+        let pose = self.poses[index]?;
+        let lens = self.lenses[photographs[index].camera];
         Some((lens, Camera::from_camera_to_world(lens.intrinsics, pose.axes, pose.position).ok()?))
     }
 
     /// Takes the poses of some photographs away.
     pub(crate) fn leave_out(&mut self, photographs: &[usize], reason: &str) {
-        for &at in photographs {
-            self.poses[at] = None;
-            self.reasons[at] = Some(reason.to_owned());
+        for &index in photographs {
+            self.poses[index] = None;
+            self.reasons[index] = Some(reason.to_owned());
         }
         for point in &mut self.points {
             point.observations.retain(|seen| self.poses[seen.frame].is_some());
@@ -123,10 +123,10 @@ impl Solution {
 
     /// Leaves out poses and points that are not finite or make no camera.
     pub(crate) fn without_nonsense(mut self, photographs: &[Photograph]) -> Self {
-        for at in 0..self.poses.len() {
-            if self.poses[at].is_some() && self.camera(photographs, at).is_none() {
-                self.poses[at] = None;
-                self.reasons[at] = Some("its camera is not finite".to_owned());
+        for index in 0..self.poses.len() {
+            if self.poses[index].is_some() && self.camera(photographs, index).is_none() {
+                self.poses[index] = None;
+                self.reasons[index] = Some("its camera is not finite".to_owned());
             }
         }
         for point in &mut self.points {

@@ -147,7 +147,7 @@ pub fn estimate_poses(
     } else {
         files
     };
-    let read = |done, of| on_step(Step::Read(done, of));
+    let read = |done, total| on_step(Step::Read(done, total));
     let prepared = prepare_photographs(input, &files, &images, settings.keep_all, &read);
     let prepared = prepared.map_err(|error| match error {
         Error::TooFew { found, usable, .. } if video && found >= MINIMUM => {
@@ -368,11 +368,12 @@ fn advice(attempts: &[Attempt], doubts: &[Doubt]) -> String {
 }
 
 fn not_used(prepared: &Photographs, solution: &Solution) -> Vec<NotUsed> {
-    let of = |Dropped { key, reason }: &Dropped| NotUsed { photograph: key.clone(), reason: reason.clone() };
-    let mut all: Vec<NotUsed> = prepared.dropped.iter().map(of).collect();
-    for (at, photograph) in prepared.photographs.iter().enumerate() {
-        if solution.poses[at].is_none() {
-            let reason = solution.reasons[at].clone().unwrap_or_else(|| "not registered".to_owned());
+    let entry =
+        |Dropped { key, reason }: &Dropped| NotUsed { photograph: key.clone(), reason: reason.clone() };
+    let mut all: Vec<NotUsed> = prepared.dropped.iter().map(entry).collect();
+    for (index, photograph) in prepared.photographs.iter().enumerate() {
+        if solution.poses[index].is_none() {
+            let reason = solution.reasons[index].clone().unwrap_or_else(|| "not registered".to_owned());
             all.push(NotUsed { photograph: photograph.name.clone(), reason });
         }
     }

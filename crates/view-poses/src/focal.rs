@@ -29,11 +29,11 @@ struct Observed {
 /// Standard deviation of the logarithm of the focal length of each camera, in first order: that of an observation is the median distance of
 /// the observations from where their points are drawn. None for cameras without posed photographs; infinite where nothing tells it.
 pub(crate) fn uncertainties(solution: &Solution, photographs: &[Photograph]) -> Vec<Option<f64>> {
-    let posed: Vec<usize> = (0..photographs.len()).filter(|&at| solution.poses[at].is_some()).collect();
+    let posed: Vec<usize> = (0..photographs.len()).filter(|&index| solution.poses[index].is_some()).collect();
     let count = posed.len();
     let mut column_of = vec![None; photographs.len()];
-    for (column, &at) in posed.iter().enumerate() {
-        column_of[at] = Some(column);
+    for (column, &index) in posed.iter().enumerate() {
+        column_of[index] = Some(column);
     }
     let columns = count * POSE + solution.lenses.len() * LENS;
     let mut matrix = vec![0.0; columns * columns];
@@ -68,7 +68,7 @@ pub(crate) fn uncertainties(solution: &Solution, photographs: &[Photograph]) -> 
             _ => f64::INFINITY,
         }
     };
-    let is_used = |lens: usize| posed.iter().any(|&at| photographs[at].camera == lens);
+    let is_used = |lens: usize| posed.iter().any(|&index| photographs[index].camera == lens);
     (0..solution.lenses.len()).map(|lens| is_used(lens).then(|| deviation(lens))).collect()
 }
 
@@ -80,28 +80,30 @@ fn observe(
 ) -> Option<(Observed, DVec2)> {
     let pose = solution.poses[frame]?;
     let to_camera = pose.axes.transpose();
-    let at = to_camera * (point - pose.position);
-    if at.z <= 0.0 {
+    let camera_point = to_camera * (point - pose.position);
+    if camera_point.z <= 0.0 {
         return None;
     }
-    let of = &solution.lenses[lens];
-    let direction = at.truncate() / at.z;
-    let pixel = of.distort(direction);
-    let by = |step: DVec2| (of.distort(direction + step) - of.distort(direction - step)) / (2.0 * STEP);
+    let camera_lens = &solution.lenses[lens];
+    let direction = camera_point.truncate() / camera_point.z;
+    let pixel = camera_lens.distort(direction);
+    let by = |step: DVec2| {
+        (camera_lens.distort(direction + step) - camera_lens.distort(direction - step)) / (2.0 * STEP)
+    };
     let by_direction = [by(DVec2::X * STEP), by(DVec2::Y * STEP)];
     let by_at = |shift: DVec3| {
-        let direction = (shift.truncate() - direction * shift.z) / at.z;
+        let direction = (shift.truncate() - direction * shift.z) / camera_point.z;
         by_direction[0] * direction.x + by_direction[1] * direction.y
     };
-    let gs_scene::Intrinsics { fx, fy, cx, cy, .. } = of.intrinsics;
+    let gs_scene::Intrinsics { fx, fy, cx, cy, .. } = camera_lens.intrinsics;
     let by_k1 = DVec2::new(fx, fy) * direction * direction.length_squared();
     let observed = Observed {
         photograph,
         lens,
         by_columns: [
-            by_at(DVec3::X.cross(at)),
-            by_at(DVec3::Y.cross(at)),
-            by_at(DVec3::Z.cross(at)),
+            by_at(DVec3::X.cross(camera_point)),
+            by_at(DVec3::Y.cross(camera_point)),
+            by_at(DVec3::Z.cross(camera_point)),
             by_at(DVec3::X),
             by_at(DVec3::Y),
             by_at(DVec3::Z),
@@ -169,12 +171,12 @@ fn cholesky(mut matrix: Vec<f64>, columns: usize) -> Option<Vec<f64>> {
 }
 
 /// An entry of the diagonal of the inverse of L Lᵀ: the squared length of a column of L⁻¹.
-fn inverse_diagonal(factor: &[f64], columns: usize, at: usize) -> f64 {
+fn inverse_diagonal(factor: &[f64], columns: usize, index: usize) -> f64 {
     let mut column = vec![0.0; columns];
-    for i in at..columns {
+    for i in index..columns {
         let row = &factor[i * columns..][..columns];
-        let sum: f64 = row[at..i].iter().zip(&column[at..i]).map(|(a, b)| a * b).sum();
-        column[i] = (f64::from(u8::from(i == at)) - sum) / row[i];
+        let sum: f64 = row[index..i].iter().zip(&column[index..i]).map(|(a, b)| a * b).sum();
+        column[i] = (f64::from(u8::from(i == index)) - sum) / row[i];
     }
     column.iter().map(|number| number * number).sum()
 }
@@ -191,8 +193,8 @@ mod tests {
         let matrix = vec![4.0, 2.0, 0.4, 2.0, 5.0, 1.0, 0.4, 1.0, 3.0];
         let factor = cholesky(matrix, 3).unwrap();
         // By cofactors; the determinant is 4·14 - 2·5.6 + 0.4·0 = 44.8.
-        for (at, cofactor) in [(0, 14.0), (1, 11.84), (2, 16.0)] {
-            assert!((inverse_diagonal(&factor, 3, at) - cofactor / 44.8).abs() < 1e-12);
+        for (index, cofactor) in [(0, 14.0), (1, 11.84), (2, 16.0)] {
+            assert!((inverse_diagonal(&factor, 3, index) - cofactor / 44.8).abs() < 1e-12);
         }
         assert!(cholesky(vec![1.0, 2.0, 2.0, 1.0], 2).is_none());
         assert!(cholesky(vec![f64::NAN], 1).is_none());
@@ -213,9 +215,9 @@ mod tests {
             let position = DVec3::new(number(1), number(2), 1.2 + 0.25 * number(3));
             let seen = |frame: usize| {
                 let pose = pose(frame);
-                let at = pose.axes.transpose() * (position - pose.position);
+                let camera_point = pose.axes.transpose() * (position - pose.position);
                 let error = DVec2::from_angle(f64::from(i) * 2.4 + frame as f64) * 0.5;
-                Observation { frame, pixel: lens.distort(at.truncate() / at.z) + error }
+                Observation { frame, pixel: lens.distort(camera_point.truncate() / camera_point.z) + error }
             };
             let observations = (0..9).map(seen).collect();
             points.push(ScenePoint { position, colour: None, error: None, observations });

@@ -44,8 +44,10 @@ impl Photograph {
     #[cfg_attr(not(feature = "openmvg"), allow(dead_code, reason = "COLMAP finds colours itself"))]
     pub(crate) fn colour(&self, pixel: glam::DVec2) -> [u8; 3] {
         let (width, height) = self.colours.dimensions();
-        let at = |at: f64, of: usize, to: u32| ((at / of as f64 * f64::from(to)) as u32).min(to - 1);
-        self.colours.get_pixel(at(pixel.x, self.width, width), at(pixel.y, self.height, height)).0
+        let index = |coordinate: f64, length: usize, to: u32| {
+            ((coordinate / length as f64 * f64::from(to)) as u32).min(to - 1)
+        };
+        self.colours.get_pixel(index(pixel.x, self.width, width), index(pixel.y, self.height, height)).0
     }
 }
 

@@ -16,19 +16,20 @@ use view_data::open_nerfstudio;
 /// If a lens folds inside the picture, or a picture cannot be read or written.
 pub(crate) fn undistort(solution: &mut Solution, task: &Task<'_>, folder: &Path) -> Result<()> {
     let dataset = open_nerfstudio(folder)?;
-    let posed: Vec<usize> = (0..task.photographs.len()).filter(|&at| solution.poses[at].is_some()).collect();
+    let posed: Vec<usize> =
+        (0..task.photographs.len()).filter(|&index| solution.poses[index].is_some()).collect();
     let pinholes: Vec<Intrinsics> = posed
         .par_iter()
         .enumerate()
-        .map(|(frame, &at)| {
-            let lens = &solution.lenses[task.photographs[at].camera];
+        .map(|(frame, &index)| {
+            let lens = &solution.lenses[task.photographs[index].camera];
             if lens.model.is_pinhole() {
                 return Ok(lens.intrinsics);
             }
             let view = dataset.load_views(&[frame], None)?.swap_remove(0);
             let image = view.image();
             let (width, height) = (image.width() as u32, image.height() as u32);
-            let target = folder.join("images").join(&task.photographs[at].name);
+            let target = folder.join("images").join(&task.photographs[index].name);
             let picture = RgbImage::from_raw(width, height, image.to_rgb8()).ok_or_else(|| Error::File {
                 action: "write",
                 path: target.clone(),
@@ -40,9 +41,9 @@ pub(crate) fn undistort(solution: &mut Solution, task: &Task<'_>, folder: &Path)
         .collect::<Result<_>>()?;
 
     let before = solution.lenses.clone();
-    for (&at, &intrinsics) in posed.iter().zip(&pinholes) {
+    for (&index, &intrinsics) in posed.iter().zip(&pinholes) {
         let model = Distortion::default().into();
-        solution.lenses[task.photographs[at].camera] = Lens { intrinsics, model };
+        solution.lenses[task.photographs[index].camera] = Lens { intrinsics, model };
     }
     for point in &mut solution.points {
         point.observations.retain_mut(|seen| {
@@ -121,16 +122,16 @@ mod tests {
         assert_eq!(solution.points.len(), before.len());
         let dataset = open_colmap(&folder.path().join("sparse/0")).unwrap();
         assert_eq!(dataset.frames.len(), 2);
-        for (frame, at) in dataset.frames.iter().zip([0, 2]) {
+        for (frame, index) in dataset.frames.iter().zip([0, 2]) {
             assert!(frame.lens.model.is_pinhole());
             let picture =
-                image::open(folder.path().join("images").join(&photographs[at].name)).unwrap().to_rgb8();
+                image::open(folder.path().join("images").join(&photographs[index].name)).unwrap().to_rgb8();
             let found = &frame.lens.intrinsics;
             assert_eq!((found.width, found.height), (picture.width() as usize, picture.height() as usize));
             assert!(found.width <= width && found.height < height, "{found:?}");
             for (point, old) in solution.points.iter().zip(&before) {
                 let seen = |point: &ScenePoint| {
-                    point.observations.iter().find(|seen| seen.frame == at).map(|seen| seen.pixel).unwrap()
+                    point.observations.iter().find(|seen| seen.frame == index).map(|seen| seen.pixel).unwrap()
                 };
                 let camera = frame.camera().unwrap();
                 let pixel = camera.project(point.position).unwrap();

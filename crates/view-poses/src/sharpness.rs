@@ -20,20 +20,21 @@ pub(crate) struct Look {
 impl Look {
     pub(crate) fn of(picture: &GrayImage) -> Self {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
-        let at = |x: usize, y: usize| f64::from(picture.as_raw()[y * width + x]);
+        let pixel = |x: usize, y: usize| f64::from(picture.as_raw()[y * width + x]);
         let (mut first, mut second) = (0.0, 0.0);
         for y in 1..height.saturating_sub(1) {
             for x in 1..width.saturating_sub(1) {
-                let (left, right, above, below) = (at(x - 1, y), at(x + 1, y), at(x, y - 1), at(x, y + 1));
+                let (left, right, above, below) =
+                    (pixel(x - 1, y), pixel(x + 1, y), pixel(x, y - 1), pixel(x, y + 1));
                 first += (right - left).powi(2) + (below - above).powi(2);
-                second += (4.0 * at(x, y) - left - right - above - below).powi(2);
+                second += (4.0 * pixel(x, y) - left - right - above - below).powi(2);
             }
         }
         let mut cells = vec![(0.0f32, 0u32); CELLS * CELLS];
         for y in 0..height {
             for x in 0..width {
                 let cell = &mut cells[y * CELLS / height * CELLS + x * CELLS / width];
-                cell.0 += at(x, y) as f32;
+                cell.0 += pixel(x, y) as f32;
                 cell.1 += 1;
             }
         }
@@ -52,11 +53,12 @@ impl Look {
 
 /// Variance of the Laplacian: the sharper of two pictures of the same content has the greater one.
 pub(crate) fn detail(picture: &[u8], width: usize, height: usize) -> f64 {
-    let at = |x: usize, y: usize| f64::from(picture[y * width + x]);
+    let pixel = |x: usize, y: usize| f64::from(picture[y * width + x]);
     let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
     for y in 1..height.saturating_sub(1) {
         for x in 1..width.saturating_sub(1) {
-            let value = 4.0 * at(x, y) - at(x - 1, y) - at(x + 1, y) - at(x, y - 1) - at(x, y + 1);
+            let value =
+                4.0 * pixel(x, y) - pixel(x - 1, y) - pixel(x + 1, y) - pixel(x, y - 1) - pixel(x, y + 1);
             sum += value;
             squares += value * value;
             count += 1.0;

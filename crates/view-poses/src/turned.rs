@@ -39,8 +39,8 @@ pub(crate) fn turned(solution: &Solution, photographs: &[Photograph]) -> Option<
             .flat_map(|pair| pair.distances(factor, radial))
             .filter(|far| far.is_finite())
             .collect();
-        let at = (distances.len() as f64 * SHARE) as usize;
-        (at < distances.len()).then(|| *distances.select_nth_unstable_by(at, f64::total_cmp).1)
+        let rank = (distances.len() as f64 * SHARE) as usize;
+        (rank < distances.len()).then(|| *distances.select_nth_unstable_by(rank, f64::total_cmp).1)
     };
     trials.par_iter().filter_map(trial).min_by(f64::total_cmp)
 }
@@ -52,9 +52,9 @@ fn pairs(solution: &Solution, photographs: &[Photograph]) -> Vec<Pair> {
     for [a, b] in solution.points.iter().flat_map(pairs_of) {
         matches[a.frame * count + b.frame] += 1;
     }
-    let enough: Vec<usize> = (0..count * count).filter(|&at| matches[at] >= MATCHES).collect();
+    let enough: Vec<usize> = (0..count * count).filter(|&index| matches[index] >= MATCHES).collect();
     let mut seen: BTreeMap<[usize; 2], Vec<[DVec2; 2]>> =
-        evenly(&enough, PAIRS).map(|at| ([at / count, at % count], Vec::new())).collect();
+        evenly(&enough, PAIRS).map(|index| ([index / count, index % count], Vec::new())).collect();
     let place = |frame: usize, pixel: DVec2| {
         let Photograph { width, height, .. } = photographs[frame];
         (pixel - DVec2::new(width as f64, height as f64) / 2.0) / width.max(height) as f64
@@ -92,9 +92,9 @@ impl Pair {
     /// Distances of the matches from where the best rotation takes them.
     fn distances(&self, factor: f64, radial: f64) -> impl Iterator<Item = f64> {
         let focal = self.focal.map(|focal| focal * factor);
-        let ray = |at: DVec2, focal: f64| {
-            let at = at / focal;
-            (at * (1.0 + radial * at.length_squared())).extend(1.0).normalize()
+        let ray = |position: DVec2, focal: f64| {
+            let direction = position / focal;
+            (direction * (1.0 + radial * direction.length_squared())).extend(1.0).normalize()
         };
         let rays: Vec<[DVec3; 2]> =
             self.seen.iter().map(|[a, b]| [ray(*a, focal[0]), ray(*b, focal[1])]).collect();
@@ -172,8 +172,8 @@ mod tests {
             let position =
                 DVec3::new(f64::from(i % 17) / 8.0 - 1.0, f64::from(i % 13) / 6.0 - 1.0, 1.0) * z * 0.5;
             let seen = |(frame, pose): (usize, &Pose)| {
-                let at = pose.axes.transpose() * (position - pose.position);
-                let pixel = at.truncate() / at.z * 0.8 * 480.0 + DVec2::new(240.0, 180.0);
+                let camera_point = pose.axes.transpose() * (position - pose.position);
+                let pixel = camera_point.truncate() / camera_point.z * 0.8 * 480.0 + DVec2::new(240.0, 180.0);
                 Observation { frame, pixel }
             };
             let observations = poses.iter().enumerate().map(seen).collect();

@@ -225,8 +225,9 @@ impl Verdict {
             _ => None,
         });
         let names: Vec<&String> = names.flatten().collect();
-        let is_misfit =
-            |&at: &usize| solution.poses[at].is_some() && names.contains(&&task.photographs[at].name);
+        let is_misfit = |&index: &usize| {
+            solution.poses[index].is_some() && names.contains(&&task.photographs[index].name)
+        };
         (0..task.photographs.len()).filter(is_misfit).collect()
     }
 
@@ -263,7 +264,8 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
     }
     verdict.focal_deviations = uncertainties(solution, task.photographs);
     for (number, (lens, group)) in solution.lenses.iter().zip(task.cameras).enumerate() {
-        let is_used = |at: usize| solution.poses[at].is_some() && task.photographs[at].camera == number;
+        let is_used =
+            |index: usize| solution.poses[index].is_some() && task.photographs[index].camera == number;
         if !(0..photographs).any(is_used) {
             continue;
         }
@@ -329,9 +331,9 @@ pub(crate) fn judge(solution: &Solution, task: &Task<'_>, folder: &Path) -> Resu
 pub(crate) fn write_data_set(solution: &Solution, task: &Task<'_>, folder: &Path) -> Result<()> {
     let mut frames = Vec::new();
     let mut position_of = vec![None; task.photographs.len()];
-    for (at, photograph) in task.photographs.iter().enumerate() {
-        if let Some((lens, camera)) = solution.camera(task.photographs, at) {
-            position_of[at] = Some(frames.len());
+    for (index, photograph) in task.photographs.iter().enumerate() {
+        if let Some((lens, camera)) = solution.camera(task.photographs, index) {
+            position_of[index] = Some(frames.len());
             frames.push(PosedFrame { picture: photograph.name.clone(), lens, camera });
         }
     }
@@ -394,26 +396,26 @@ mod tests {
             focal_pixels,
             photographs: 5,
         };
-        let doubts = |own: [Option<f64>; 2], other: &Verdict, exif| {
-            let mut own = verdict(10, own);
-            own.dispute("other", other, &[camera(exif), camera(None)]);
-            own.doubts.len()
+        let doubts = |focals: [Option<f64>; 2], other: &Verdict, exif| {
+            let mut result = verdict(10, focals);
+            result.dispute("other", other, &[camera(exif), camera(None)]);
+            result.doubts.len()
         };
-        let own = [Some(0.8), None];
-        assert_eq!(doubts(own, &verdict(10, [Some(0.85), Some(2.0)]), None), 0);
-        assert_eq!(doubts(own, &verdict(10, [Some(1.2), None]), None), 1);
+        let focals = [Some(0.8), None];
+        assert_eq!(doubts(focals, &verdict(10, [Some(0.85), Some(2.0)]), None), 0);
+        assert_eq!(doubts(focals, &verdict(10, [Some(1.2), None]), None), 1);
         assert_eq!(doubts([None, Some(0.8)], &verdict(9, [Some(0.8), Some(0.6)]), None), 1);
         // Known by EXIF data; too few photographs; a result that is not sound, or lost.
-        assert_eq!(doubts(own, &verdict(10, [Some(1.2), None]), Some(6.4)), 0);
-        assert_eq!(doubts(own, &verdict(7, [Some(1.2), None]), None), 0);
+        assert_eq!(doubts(focals, &verdict(10, [Some(1.2), None]), Some(6.4)), 0);
+        assert_eq!(doubts(focals, &verdict(7, [Some(1.2), None]), None), 0);
         for doubt in [Doubt::Turned { found: 1.0 }, Doubt::Epipolar { found: 3.0 }] {
             let mut unsound = verdict(10, [Some(1.2), None]);
             unsound.doubts.push(doubt);
-            assert_eq!(doubts(own, &unsound, None), 0);
+            assert_eq!(doubts(focals, &unsound, None), 0);
         }
         let mut uncertain = verdict(10, [Some(1.2), None]);
         uncertain.doubts.push(Doubt::FocalUncertain { deviation: 0.03 });
-        assert_eq!(doubts(own, &uncertain, None), 1);
+        assert_eq!(doubts(focals, &uncertain, None), 1);
     }
 
     #[test]

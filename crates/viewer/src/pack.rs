@@ -79,12 +79,12 @@ impl Header {
     }
 
     fn bytes(&self) -> usize {
-        let of = |block: &Block| match block.kind {
+        let bytes = |block: &Block| match block.kind {
             Kind::F32 => 4 * block.columns,
             Kind::F16 => 2 * block.columns,
             Kind::ScaledI8 => 2 + block.columns,
         };
-        self.n * self.blocks.iter().map(of).sum::<usize>()
+        self.n * self.blocks.iter().map(bytes).sum::<usize>()
     }
 }
 

@@ -36,9 +36,9 @@ pub fn along(cameras: &[Camera], frames: usize) -> Result<Vec<Camera>> {
     (0..frames)
         .map(|frame| {
             let share = if frames > 1 { frame as f64 / (frames - 1) as f64 } else { 0.0 };
-            let at = share * last as f64;
-            let i = (at as usize).min(last);
-            let t = at - i as f64;
+            let progress = share * last as f64;
+            let i = (progress as usize).min(last);
+            let t = progress - i as f64;
             let [before, from, to, after] =
                 [position(i.saturating_sub(1)), position(i), position(i + 1), position(i + 2)];
             let place = 0.5
@@ -98,11 +98,11 @@ pub fn overview(gaussians: &Gaussians) -> Result<Camera> {
             .filter(|value| value.is_finite())
             .collect();
         values.sort_unstable_by(f32::total_cmp);
-        let at = |share: f64| {
+        let quantile = |share: f64| {
             let place = (values.len().saturating_sub(1) as f64 * share).round() as usize;
             f64::from(values.get(place).copied().unwrap_or(0.0))
         };
-        (at(0.5), at(0.9) - at(0.1))
+        (quantile(0.5), quantile(0.9) - quantile(0.1))
     });
     let reach = extents.iter().map(|extent| extent.1).fold(0.0, f64::max);
     let reach = if reach > 0.0 { reach } else { 1.0 };
@@ -143,9 +143,9 @@ mod tests {
     fn a_path_passes_through_its_cameras() {
         let cameras = cameras();
         let path = along(&cameras, 5).unwrap();
-        for (at, camera) in [(0, &cameras[0]), (2, &cameras[1]), (4, &cameras[2])] {
-            assert!((path[at].position() - camera.position()).length() < 1e-12);
-            assert!((path[at].forward() - camera.forward()).length() < 1e-9);
+        for (frame, camera) in [(0, &cameras[0]), (2, &cameras[1]), (4, &cameras[2])] {
+            assert!((path[frame].position() - camera.position()).length() < 1e-12);
+            assert!((path[frame].forward() - camera.forward()).length() < 1e-9);
         }
         assert_eq!(along(&cameras[..1], 3).unwrap().len(), 3);
         assert!(along(&cameras, 0).unwrap().is_empty());

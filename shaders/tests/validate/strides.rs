@@ -27,10 +27,10 @@ fn strides(module: &Module, name: &str) -> BTreeSet<u32> {
 fn factors(
     module: &Module,
     expressions: &Arena<Expression>,
-    at: Handle<Expression>,
+    handle: Handle<Expression>,
     found: &mut BTreeSet<u32>,
 ) {
-    let Expression::Binary { op, left, right } = expressions[at] else { return };
+    let Expression::Binary { op, left, right } = expressions[handle] else { return };
     for side in [left, right] {
         factors(module, expressions, side, found);
         let literal = match expressions[side] {

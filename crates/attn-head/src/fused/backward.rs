@@ -35,13 +35,13 @@ impl<'a, M: Message<'a>> Backward<'_, 'a, M> {
         let recorded = layers.iter().zip(&tape.maxima);
         for (l, (layer, (x, maxima))) in self.network.layers.iter().zip(recorded).enumerate().rev() {
             show(layer, self.inputs, x, &mut shown);
-            let of = |part: &str| span(self.layout, &format!("blocks.{l}.{part}"));
+            let range = |part: &str| span(self.layout, &format!("blocks.{l}.{part}"));
             let step = Step { layer, all: All { inputs: self.inputs, shown: &shown }, x, maxima };
-            step.own(&mut grad, &mut sent, (of(""), &mut weights));
+            step.own(&mut grad, &mut sent, (range(""), &mut weights));
             M::return_sent(self.inputs, &mut sent);
             // The second step has no part in the weights from `norm2` on.
             let kept = Kept { lookers: &lookers, maxima, sent: &sent };
-            step.shown(&mut grad, kept, (of("norm1.").start..of("norm2.").start, &mut weights));
+            step.shown(&mut grad, kept, (range("norm1.").start..range("norm2.").start, &mut weights));
         }
         drop((shown, sent));
         let (geometry, image) = self.embedding(&grad, &mut weights);

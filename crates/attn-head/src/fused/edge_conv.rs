@@ -28,17 +28,17 @@ impl<'a> Message<'a> for EdgeConv<'a> {
 
     fn new(isa: Isa, layout: &Layout, values: &'a [f32], name: &str) -> Self {
         let first = format!("{name}.edge.0");
-        let [own, other, position] = Linear::parts(isa, layout, values, &first, [WIDTH, WIDTH, 3]);
+        let [anchor, other, position] = Linear::parts(isa, layout, values, &first, [WIDTH, WIDTH, 3]);
         let maximum = Maximum::new(isa, layout, values, position, &format!("{name}.edge.2"));
-        Self { isa, own, other, maximum }
+        Self { isa, own: anchor, other, maximum }
     }
 
     fn show(&self, h: Rows<'_>, shown: &mut [f32]) {
         self.other.apply(h, shown, 2 * WIDTH);
         self.own.apply(h, &mut shown[WIDTH..], 2 * WIDTH);
         for row in shown.chunks_exact_mut(2 * WIDTH) {
-            let (other, own) = row.split_at_mut(WIDTH);
-            subtract(own, other);
+            let (other, anchor) = row.split_at_mut(WIDTH);
+            subtract(anchor, other);
         }
     }
 

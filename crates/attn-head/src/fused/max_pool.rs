@@ -25,8 +25,8 @@ impl<'a> Message<'a> for MaxPool<'a> {
     fn new(isa: Isa, layout: &Layout, values: &'a [f32], name: &str) -> Self {
         let [other, position] = Linear::parts(isa, layout, values, &format!("{name}.pool.0"), [WIDTH, 3]);
         let maximum = Maximum::new(isa, layout, values, position, &format!("{name}.pool.2"));
-        let [own, pooled] = Linear::parts(isa, layout, values, &format!("{name}.join"), [WIDTH; 2]);
-        Self { other, maximum, own, pooled }
+        let [anchor, pooled] = Linear::parts(isa, layout, values, &format!("{name}.join"), [WIDTH; 2]);
+        Self { other, maximum, own: anchor, pooled }
     }
 
     fn show(&self, h: Rows<'_>, shown: &mut [f32]) {

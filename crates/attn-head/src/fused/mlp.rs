@@ -76,8 +76,8 @@ impl<'a> Message<'a> for Mlp<'a> {
         sent.0.clear();
         sent.0.reserve_exact(anchors.count() * anchors.all.inputs.k);
         for (row, grad_h) in joined(anchors, grad_joined).iter().zip(grad_h.chunks_exact_mut(WIDTH)) {
-            let (own, heard) = row.split_at(WIDTH);
-            grad_h.iter_mut().zip(own).for_each(|(sum, v)| *sum += v);
+            let (grad_features, heard) = row.split_at(WIDTH);
+            grad_h.iter_mut().zip(grad_features).for_each(|(sum, v)| *sum += v);
             sent.0.extend_from_slice(heard.as_chunks().0);
         }
         if let Some([_, position]) = &self.pair {
@@ -120,8 +120,8 @@ impl Mlp<'_> {
         resize(joined, anchors.count() * width);
         let shown: &[Heard] = anchors.all.shown.as_chunks().0;
         for (row, (joined, h)) in joined.chunks_exact_mut(width).zip(anchors.h().iter()).enumerate() {
-            let (own, heard) = joined.split_at_mut(WIDTH);
-            own.copy_from_slice(h);
+            let (features, heard) = joined.split_at_mut(WIDTH);
+            features.copy_from_slice(h);
             let Some([_, position]) = &self.pair else { continue };
             let pairs = (anchors.first + row) * k..(anchors.first + row + 1) * k;
             let neighbours = &anchors.all.inputs.neighbours[pairs.clone()];

@@ -129,10 +129,10 @@ impl Gather {
             Self::Attention { q, k, v, .. } => {
                 Prepared { own: q.forward(h)?, shown: vec![k.forward(h)?, v.forward(h)?] }
             }
-            Self::EdgeConv { own, other, .. } => {
+            Self::EdgeConv { own: anchor, other, .. } => {
                 // The layer of h_j - h_i is that of h_j less that of h_i.
                 let other = other.forward(h)?;
-                Prepared { own: (own.forward(h)? - &other)?, shown: vec![other] }
+                Prepared { own: (anchor.forward(h)? - &other)?, shown: vec![other] }
             }
             Self::MaxPool { other, .. } | Self::Mlp { other, .. } => {
                 Prepared { own: h.clone(), shown: vec![other.forward(h)?] }
@@ -145,33 +145,33 @@ impl Gather {
     /// What the anchors learn from their normalised features h, `[n, 128]`, and for the attention with which weights,
     /// `[n, seen, heads]`.
     pub(super) fn forward(&self, h: &Tensor, hood: &Neighbourhood) -> Result<(Tensor, Option<Tensor>)> {
-        let Prepared { own, shown } = self.prepare(h)?;
+        let Prepared { own: anchors, shown } = self.prepare(h)?;
         let shown = shown.iter().map(|x| hood.seen(x)).collect::<Result<Vec<_>>>()?;
         let pairs = |position: &Linear| &shown[0] + position.forward(&hood.relative)?;
         let learnt = match self {
             Self::Attention { delta, proj, .. } => {
                 let delta = delta.forward(&hood.relative)?;
-                let (o, alpha) = attend(&own, &shown[0], &shown[1], &delta)?;
+                let (o, alpha) = attend(&anchors, &shown[0], &shown[1], &delta)?;
                 return Ok((proj.forward(&o)?, Some(alpha)));
             }
             Self::EdgeConv { position, last, .. } => {
-                let hidden = pairs(position)?.broadcast_add(&own.unsqueeze(1)?)?.relu()?;
+                let hidden = pairs(position)?.broadcast_add(&anchors.unsqueeze(1)?)?.relu()?;
                 max(&last.forward(&hidden)?)?
             }
             Self::MaxPool { position, last, join, .. } => {
                 let pooled = max(&last.forward(&pairs(position)?.relu()?)?)?;
-                join.forward(&Tensor::cat(&[own, pooled], 1)?)?
+                join.forward(&Tensor::cat(&[anchors, pooled], 1)?)?
             }
             Self::Mlp { position, mix, .. } => {
                 // The anchor itself sends no message.
                 let messages = pairs(position)?.narrow(1, 1, hood.seen - 1)?.flatten_from(1)?;
-                mix.forward(&Tensor::cat(&[own, messages], 1)?)?
+                mix.forward(&Tensor::cat(&[anchors, messages], 1)?)?
             }
             Self::Grid { join, .. } => {
-                let means = |level| hood.means(&own.narrow(1, level * CELL_WIDTH, CELL_WIDTH)?, level);
+                let means = |level| hood.means(&anchors.narrow(1, level * CELL_WIDTH, CELL_WIDTH)?, level);
                 join.forward(&Tensor::cat(&[means(0)?, means(1)?], 1)?)?
             }
-            Self::Alone { mix } => mix.forward(&own)?,
+            Self::Alone { mix } => mix.forward(&anchors)?,
         };
         Ok((learnt, None))
     }

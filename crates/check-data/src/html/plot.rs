@@ -27,10 +27,11 @@ pub(super) fn path_colour(t: f64) -> String {
         [235.0, 120.0, 60.0],
         [240.0, 190.0, 50.0],
     ];
-    let at = t.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
-    let low = (at as usize).min(STOPS.len() - 2);
-    let mix =
-        |c: usize| (STOPS[low][c] + (STOPS[low + 1][c] - STOPS[low][c]) * (at - low as f64)).round() as u8;
+    let position = t.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
+    let low = (position as usize).min(STOPS.len() - 2);
+    let mix = |c: usize| {
+        (STOPS[low][c] + (STOPS[low + 1][c] - STOPS[low][c]) * (position - low as f64)).round() as u8
+    };
     format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
 }
 
@@ -96,13 +97,13 @@ fn plot(report: &CheckReport, axes: &Axes, description: &str) -> String {
     let mut outside = 0;
     let last = (report.cameras.len().max(2) - 1) as f64;
     for (&(i, camera), centre) in cameras.iter().zip(&centres) {
-        let at = window.place(*centre);
-        if !Window::shows(at) {
+        let place = window.place(*centre);
+        if !Window::shows(place) {
             outside += 1;
             continue;
         }
-        let _ = write!(path, "{}{:.1} {:.1}", if path.is_empty() { "M" } else { "L" }, at.x, at.y);
-        frustum(&mut svg, camera, at, axes, &path_colour(i as f64 / last), is_bad(report, camera));
+        let _ = write!(path, "{}{:.1} {:.1}", if path.is_empty() { "M" } else { "L" }, place.x, place.y);
+        frustum(&mut svg, camera, place, axes, &path_colour(i as f64 / last), is_bad(report, camera));
     }
     let _ = writeln!(svg, "<path class=\"path\" d=\"{path}\"/>");
     scale_bar(&mut svg, &window);
@@ -120,31 +121,34 @@ fn is_bad(report: &CheckReport, camera: &CameraSummary) -> bool {
         || report.layout.outliers.contains(&camera.name)
 }
 
-fn frustum(svg: &mut String, camera: &CameraSummary, at: DVec2, axes: &Axes, colour: &str, bad: bool) {
+fn frustum(svg: &mut String, camera: &CameraSummary, place: DVec2, axes: &Axes, colour: &str, bad: bool) {
     let [x, y, z] = camera.axes.map(DVec3::from_array);
     let [half_x, half_y] = camera.half_field.map(|half| half.min(3.0));
     let length = FRUSTUM * WIDTH / (1.0 + half_x * half_x + half_y * half_y).sqrt();
     let corner = |sx: f64, sy: f64| {
         let ray = (z + x * (sx * half_x) + y * (sy * half_y)) * length;
-        at + DVec2::new(ray.dot(axes.right), ray.dot(axes.down))
+        place + DVec2::new(ray.dot(axes.right), ray.dot(axes.down))
     };
     let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
     let mut path = String::new();
     for (k, here) in corners.iter().enumerate() {
         let next = corners[(k + 1) % 4];
-        let _ =
-            write!(path, "M{:.1} {:.1}L{:.1} {:.1}L{:.1} {:.1}", at.x, at.y, here.x, here.y, next.x, next.y);
+        let _ = write!(
+            path,
+            "M{:.1} {:.1}L{:.1} {:.1}L{:.1} {:.1}",
+            place.x, place.y, here.x, here.y, next.x, next.y
+        );
     }
     if bad {
-        let _ = write!(svg, "<circle class=\"bad\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"9\"/>", at.x, at.y);
+        let _ = write!(svg, "<circle class=\"bad\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"9\"/>", place.x, place.y);
     }
     let _ = writeln!(
         svg,
         "<g stroke=\"{colour}\" fill=\"{colour}\"><title>{}</title><path fill=\"none\" d=\"{path}\"/>\
          <circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"2\"/></g>",
         escape(&camera.name),
-        at.x,
-        at.y
+        place.x,
+        place.y
     );
 }
 
@@ -196,9 +200,9 @@ fn inner(points: &[DVec2], share: f64) -> Option<(DVec2, DVec2)> {
         let typical = median(values.iter().map(|v| (v - middle).abs()).collect())?;
         // Small sets show all that is not an outlier.
         let cut = if values.len() < 50 { 0.0 } else { share };
-        let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
+        let quantile = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
         let reach = if typical > 0.0 { 10.0 * typical } else { f64::INFINITY };
-        Some((at(cut).max(middle - reach), at(1.0 - cut).min(middle + reach)))
+        Some((quantile(cut).max(middle - reach), quantile(1.0 - cut).min(middle + reach)))
     };
     let ((left, right), (top, bottom)) = (bounds(0)?, bounds(1)?);
     Some((DVec2::new(left, top), DVec2::new(right, bottom)))

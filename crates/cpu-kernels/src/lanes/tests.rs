@@ -38,8 +38,8 @@ impl Kernel for Everything {
         let mut found = Found::new();
         let mut each = |name, f: &dyn Fn(F64s<S>, F64s<S>) -> F64s<S>| {
             let mut values = [0.0; N];
-            for at in 0..N / S::F64_LANES {
-                f(F64s::load(simd, &X, at), F64s::load(simd, &Y, at)).store(&mut values, at);
+            for index in 0..N / S::F64_LANES {
+                f(F64s::load(simd, &X, index), F64s::load(simd, &Y, index)).store(&mut values, index);
             }
             found.push((name, values));
         };
@@ -76,15 +76,15 @@ impl Kernel for Everything {
 #[inline(always)]
 fn narrow_and_widen<S: Lanes>(simd: S) -> [f64; N] {
     let (mut narrow, mut doubled, mut values) = ([0.0; N], [0.0; N], [0.0; N]);
-    for at in 0..N / S::F64_LANES {
-        F64s::load(simd, &X, at).narrow(&mut narrow, at);
+    for index in 0..N / S::F64_LANES {
+        F64s::load(simd, &X, index).narrow(&mut narrow, index);
     }
-    for at in 0..N / S::F32_LANES {
-        let x = F32s::load(simd, &narrow, at);
-        ((2.0 * x + x) - x).store(&mut doubled, at);
+    for index in 0..N / S::F32_LANES {
+        let x = F32s::load(simd, &narrow, index);
+        ((2.0 * x + x) - x).store(&mut doubled, index);
     }
-    for at in 0..N / S::F64_LANES {
-        F64s::widen(simd, &doubled, at).store(&mut values, at);
+    for index in 0..N / S::F64_LANES {
+        F64s::widen(simd, &doubled, index).store(&mut values, index);
     }
     values
 }

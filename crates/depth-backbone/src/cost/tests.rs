@@ -29,13 +29,13 @@ fn plainly(reference: &Texture, sources: &[Source], w: impl Fn(usize) -> f32) ->
         let inside = h.z > 0.0 && (0.0..=t.width as f64).contains(&u) && (0.0..=t.height as f64).contains(&v);
         let (u, v) =
             ((u - 0.5).clamp(0.0, t.width as f64 - 1.0), (v - 0.5).clamp(0.0, t.height as f64 - 1.0));
-        let at = |x: f64, y: f64| {
+        let texel = |x: f64, y: f64| {
             let (x, y) = ((x as usize).min(t.width - 1), (y as usize).min(t.height - 1));
             f64::from(t.values[y * t.width + x])
         };
         let (i, j) = (u.floor(), v.floor());
-        let upper = at(i, j) * (1.0 - u + i) + at(i + 1.0, j) * (u - i);
-        let lower = at(i, j + 1.0) * (1.0 - u + i) + at(i + 1.0, j + 1.0) * (u - i);
+        let upper = texel(i, j) * (1.0 - u + i) + texel(i + 1.0, j) * (u - i);
+        let lower = texel(i, j + 1.0) * (1.0 - u + i) + texel(i + 1.0, j + 1.0) * (u - i);
         (upper * (1.0 - v + j) + lower * (v - j), inside)
     };
     let on_border = |source: &Source, x: usize, y: usize| {
@@ -89,11 +89,11 @@ proptest! {
     ) {
         let reference = texture(width, height, seed);
         let statistics = WindowStatistics::new(&reference);
-        let own = camera(width, height, 0.0);
+        let reference_camera = camera(width, height, 0.0);
         let textures: Vec<Texture> = (1..=count).map(|i| texture(width + i, height, seed / 2 + i as u32)).collect();
         let sources: Vec<Source> = textures.iter().zip(1..).map(|(texture, i)| Source {
             texture,
-            pair: Pair::new(&own, &camera(texture.width, texture.height, 0.2 * f64::from(i))),
+            pair: Pair::new(&reference_camera, &camera(texture.width, texture.height, 0.2 * f64::from(i))),
         }).collect();
         let surface: Vec<f32> = (0..width * height).map(|i| 0.3 + 0.1 * (i as f32 * 0.05).sin()).collect();
         let offsets = [-0.05, 0.02];

@@ -21,7 +21,7 @@ pub(super) fn candidates(scale: usize) -> usize {
 
 /// The views that each view is compared with: all others, or the two whose cameras stand nearest, nearest first.
 pub(super) fn neighbours(cameras: &[Camera]) -> Vec<Vec<usize>> {
-    let of = |i: usize| {
+    let neighbourhood = |i: usize| {
         let mut others: Vec<usize> = (0..cameras.len()).filter(|&j| j != i).collect();
         if cameras.len() > ALL_UP_TO {
             let distance = |j: usize| cameras[i].position().distance(cameras[j].position());
@@ -30,7 +30,7 @@ pub(super) fn neighbours(cameras: &[Camera]) -> Vec<Vec<usize>> {
         }
         others
     };
-    (0..cameras.len()).map(of).collect()
+    (0..cameras.len()).map(neighbourhood).collect()
 }
 
 /// Inverse depths between which each view's lie: 1 / far and 1 / near.

@@ -161,18 +161,18 @@ impl Network {
                     }
                 };
                 taps.map(format!("warp.s{s}.candidates"), &candidates)?;
-                let at = (factor, s);
+                let scale = (factor, s);
                 let cost =
-                    cost_volume::cost_volume(&mv[s], inputs.cameras, &neighbours, &candidates, at, taps)?;
+                    cost_volume::cost_volume(&mv[s], inputs.cameras, &neighbours, &candidates, scale, taps)?;
                 taps.map(format!("cost.s{s}"), &cost)?;
                 Ok((cost.to_device(&self.device)?, candidates.to_device(&self.device)?))
             })?;
             let probability = self.timed(taps, "regressor", |taps| {
-                let own = match s {
+                let cnn_features = match s {
                     0 => low.clone(),
                     _ => joined_views(&cnn, |c| &c.mid)?,
                 };
-                regressor.forward(&join(&[&cost, &own, &mv[s], &mono[s]])?, taps)
+                regressor.forward(&join(&[&cost, &cnn_features, &mv[s], &mono[s]])?, taps)
             })?;
             let z = expectation(&probability, &candidates)?;
             taps.map(format!("depth.s{s}.inv"), &z)?;
@@ -189,16 +189,16 @@ impl Network {
             let mono = intermediate.iter().map(one).collect::<Result<Vec<_>>>()?;
             let mv = mv.iter().map(one).collect::<Result<Vec<_>>>()?;
             let z = one(&coarse)?;
-            let mut at = DptInputs { mono: &mono, cnn, mv: &mv, inverse_depth: Some(&z) };
+            let mut dpt_inputs = DptInputs { mono: &mono, cnn, mv: &mv, inverse_depth: Some(&z) };
             depths.push(self.timed(taps, "upsampler", |taps| {
-                let residual = self.depth_residual.forward(&self.upsampler.forward(&at, taps)?)?;
+                let residual = self.depth_residual.forward(&self.upsampler.forward(&dpt_inputs, taps)?)?;
                 taps.map("dpt.residual", &residual)?;
                 let Bounds { low, high } = inputs.bounds[view];
                 (bilinear(&z, height, width)? + residual)?.clamp(low, high)?.recip()
             })?);
             if let (true, Some((head, _))) = (with_features, &self.heads) {
-                at.inverse_depth = None;
-                features.push(self.timed(taps, "feature upsampler", |taps| head.forward(&at, taps))?);
+                dpt_inputs.inverse_depth = None;
+                features.push(self.timed(taps, "feature upsampler", |taps| head.forward(&dpt_inputs, taps))?);
             }
         }
         let depth = Tensor::cat(&depths, 0)?;

@@ -52,7 +52,7 @@ impl Attention {
             work: &self.work,
         };
         let q = self.q_proj.forward(x)?;
-        let parts = [&q, k, v].map(|of| Part { of, first: 0, step: WIDTH });
+        let parts = [&q, k, v].map(|tensor| Part { of: tensor, first: 0, step: WIDTH });
         self.norm1.forward(&self.merge.forward(&attention(self.engine, shape, parts)?)?)
     }
 }

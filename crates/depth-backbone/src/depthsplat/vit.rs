@@ -158,9 +158,9 @@ fn cubic_axis(n: usize) -> Vec<([usize; 4], [f32; 4])> {
     // DINOv2 states the scale with 0.1 added to the size, and the positions follow from that scale.
     let step = (1.0 / ((n as f64 + 0.1) / GRID as f64)) as f32;
     let position = |i: usize| {
-        let at = step * (i as f32 + 0.5) - 0.5;
-        let first = at.floor();
-        let t = f64::from(at - first);
+        let coordinate = step * (i as f32 + 0.5) - 0.5;
+        let first = coordinate.floor();
+        let t = f64::from(coordinate - first);
         let place = |k: i64| (first as i64 + k).clamp(0, GRID as i64 - 1) as usize;
         let weights = [t + 1.0, t, 1.0 - t, 2.0 - t].map(|x| cubic(x) as f32);
         ([place(-1), place(0), place(1), place(2)], weights)

@@ -71,11 +71,11 @@ impl<'a> Bank<'a> {
         let mut order: Vec<u32> = (0..pixels.len() as u32).collect();
         order.sort_unstable_by_key(|&i| pixel(i));
         let strips: Vec<&[u32]> = order.chunk_by(|&a, &b| strip(a) == strip(b)).collect();
-        let of = |strip: &&[u32]| {
+        let strip_channels = |strip: &&[u32]| {
             let mut window = Window::new(self);
             strip.iter().map(|&i| window.channels(pixel(i))).collect::<Vec<_>>()
         };
-        let found: Vec<Vec<[f32; FEATURE_NAMES.len()]>> = strips.par_iter().map(of).collect();
+        let found: Vec<Vec<[f32; FEATURE_NAMES.len()]>> = strips.par_iter().map(strip_channels).collect();
         let mut rows = vec![[0.0; FEATURE_NAMES.len()]; pixels.len()];
         for (&i, channels) in order.iter().zip(found.iter().flatten()) {
             rows[i as usize] = *channels;
@@ -191,8 +191,9 @@ impl<'a> Window<'a> {
         let (x, y) = (pixel % bank.width, pixel / bank.width);
         let around = bank.around(pixel);
         let means = RADII.map(|radius| self.means(pixel, radius));
-        let deviation =
-            |means: &Sums, at: usize| (means[at + 1] - means[at] * means[at]).max(0.0).sqrt() as f32;
+        let deviation = |means: &Sums, index: usize| {
+            (means[index + 1] - means[index] * means[index]).max(0.0).sqrt() as f32
+        };
         let rgb = [0, 1, 2].map(|channel| bank.rgb[3 * pixel + channel]);
         let mean = |means: &Sums, channel: usize| means[channel] as f32;
         let luma = around.map(|pixel| bank.luma[pixel]);
@@ -260,8 +261,8 @@ mod tests {
         let view = view(width, height, vec![0.5; 3 * width * height]);
         let mut depths: Vec<f32> = (0..width * height).map(|i| 1.0 + (i % 5) as f32).collect();
         let plain = DepthMap::new(width, height, depths.clone()).unwrap();
-        for (at, depth) in [(0, 1e-40), (1, 1e-30), (2, f32::MAX), (width, f32::MIN_POSITIVE)] {
-            depths[at] = depth;
+        for (pixel, depth) in [(0, 1e-40), (1, 1e-30), (2, f32::MAX), (width, f32::MIN_POSITIVE)] {
+            depths[pixel] = depth;
         }
         let hostile = DepthMap::new(width, height, depths).unwrap();
         let some = vec![0.5; width * height];

@@ -44,11 +44,11 @@ impl Decoded {
     #[must_use]
     pub fn confidence(&self, width: usize) -> Vec<f32> {
         let half = width.div_ceil(2);
-        let of = |(i, log_error): (usize, &f32)| {
+        let probability = |(i, log_error): (usize, &f32)| {
             let sky = self.sky[i / width / 2 * half + i % width / 2] > 0.0;
             if sky { 0.0 } else { 1.0 - (-GOOD * (-log_error).exp()).exp() }
         };
-        self.log_error.iter().enumerate().map(of).collect()
+        self.log_error.iter().enumerate().map(probability).collect()
     }
 }
 
@@ -71,8 +71,8 @@ struct Mean {
 /// The half-size pixels about (x, y), those beyond the border being the nearest inside.
 fn neighbours(x: usize, y: usize, (width, height): (usize, usize)) -> [usize; 9] {
     std::array::from_fn(|k| {
-        let at = |i: usize, by: usize, n: usize| (i + by).saturating_sub(1).min(n - 1);
-        at(y, k / 3, height) * width + at(x, k % 3, width)
+        let coordinate = |i: usize, by: usize, n: usize| (i + by).saturating_sub(1).min(n - 1);
+        coordinate(y, k / 3, height) * width + coordinate(x, k % 3, width)
     })
 }
 
@@ -98,7 +98,7 @@ fn for_pixels(
     let surface = surface(inputs, outputs);
     for y in 0..half.1 {
         for x in 0..half.0 {
-            let at = y * half.0 + x;
+            let block = y * half.0 + x;
             let pixel = outputs.pixel(x, y);
             let about = neighbours(x, y, half);
             let mut candidates = [0.0; CANDIDATES];
@@ -125,7 +125,7 @@ fn for_pixels(
                     *weight /= sum;
                     value += *weight * candidate;
                 }
-                each(index, at, part, &about, &Mean { weights, candidates, value });
+                each(index, block, part, &about, &Mean { weights, candidates, value });
             }
         }
     }
@@ -135,9 +135,9 @@ fn for_pixels(
 pub(crate) fn decode(inputs: &Inputs, outputs: &Grid) -> Decoded {
     let n = inputs.width * inputs.height;
     let (mut correction, mut log_error) = (vec![0.0; n], vec![0.0; n]);
-    for_pixels(inputs, outputs, |index, at, part, _, mean| {
+    for_pixels(inputs, outputs, |index, block, part, _, mean| {
         correction[index] = mean.value - inputs.own[index];
-        let raw = outputs.pixel(at % outputs.width, at / outputs.width)[ERRORS + part];
+        let raw = outputs.pixel(block % outputs.width, block / outputs.width)[ERRORS + part];
         log_error[index] = raw.clamp(LOG_ERROR.0, LOG_ERROR.1);
     });
     let sky = |i: usize| outputs.pixel(i % outputs.width, i / outputs.width)[SKY];
@@ -147,8 +147,8 @@ pub(crate) fn decode(inputs: &Inputs, outputs: &Grid) -> Decoded {
 /// The gradient of the outputs, from that of what they mean.
 pub(crate) fn decode_backward(inputs: &Inputs, outputs: &Grid, gradient: &Decoded) -> Grid {
     let mut out = outputs.like(OUTPUTS);
-    for_pixels(inputs, outputs, |index, at, part, about, mean| {
-        let (x, y) = (at % outputs.width, at / outputs.width);
+    for_pixels(inputs, outputs, |index, block, part, about, mean| {
+        let (x, y) = (block % outputs.width, block / outputs.width);
         let of_value = gradient.correction[index];
         for (k, &from) in about.iter().enumerate() {
             out.pixel_mut(from % outputs.width, from / outputs.width)[0] +=
@@ -181,7 +181,7 @@ mod tests {
     /// A view of odd size, so that blocks are cut at the border.
     fn example() -> (Inputs, Grid) {
         let (width, height) = (5, 3);
-        let own = (0..15).map(|i| 20.0 + 3.0 * noise(i)).collect();
+        let steps = (0..15).map(|i| 20.0 + 3.0 * noise(i)).collect();
         let base = (0..6).map(|i| 20.0 + 3.0 * noise(100 + i)).collect();
         let mut outputs = Grid::new(3, 2, OUTPUTS);
         for i in 0..6 {
@@ -190,7 +190,7 @@ mod tests {
             }
         }
         let grid = Grid::new(3, 2, 1);
-        (Inputs { width, height, grid, base, own, unit: [0.1, 0.01] }, outputs)
+        (Inputs { width, height, grid, base, own: steps, unit: [0.1, 0.01] }, outputs)
     }
 
     #[test]

@@ -69,9 +69,9 @@ impl Grid {
         }
     }
 
-    /// Adds another one where `at` is above zero.
-    pub(crate) fn add_where_positive(&mut self, other: &Self, at: &Self) {
-        for ((a, b), x) in self.values.iter_mut().zip(&other.values).zip(&at.values) {
+    /// Adds another one where `mask` is above zero.
+    pub(crate) fn add_where_positive(&mut self, other: &Self, mask: &Self) {
+        for ((a, b), x) in self.values.iter_mut().zip(&other.values).zip(&mask.values) {
             if *x > 0.0 {
                 *a += b;
             }

@@ -71,30 +71,30 @@ struct Fallen {
 }
 
 impl Inputs {
-    /// Of view `of`, beside all others.
-    pub(crate) fn new(of: usize, matched: &[Matched], evidence: &[Evidence], planes: &Planes) -> Self {
-        let (view, own) = (&matched[of], &evidence[of]);
+    /// Of view `index`, beside all others.
+    pub(crate) fn new(index: usize, matched: &[Matched], evidence: &[Evidence], planes: &Planes) -> Self {
+        let (view, own_evidence) = (&matched[index], &evidence[index]);
         let (width, height) = (view.texture.width, view.texture.height);
         let half = (width.div_ceil(2), height.div_ceil(2));
         let (farthest, step) = (planes.ends().0, planes.step());
         let in_steps = |w: f32| (w - farthest) / step;
-        let steps: Vec<f32> = own.inverse_depth.iter().map(|&w| in_steps(w)).collect();
+        let steps: Vec<f32> = own_evidence.inverse_depth.iter().map(|&w| in_steps(w)).collect();
         let others: Vec<usize> = (0..matched.len())
-            .filter(|&other| other != of && has_parallax(of, other, matched, planes))
+            .filter(|&other| other != index && has_parallax(index, other, matched, planes))
             .collect();
         let witnesses: Vec<Witness> = others
             .iter()
             .map(|&other| Witness::new(view.view, matched[other].view, &evidence[other].inverse_depth))
             .collect();
         let fallen = fallen(view.view, &others, matched, evidence);
-        let cost = costs_of(view, matched, &own.inverse_depth, planes);
+        let cost = costs_of(view, matched, &own_evidence.inverse_depth, planes);
         let pixels_per_step = pixels_per_step(view, matched, planes);
         let count = planes.count() as f32;
         let mut grid = Grid::new(half.0, half.1, INPUTS);
         let mut base = vec![0.0; half.0 * half.1];
         for y in 0..half.1 {
             for x in 0..half.0 {
-                let at = y * half.0 + x;
+                let cell = y * half.0 + x;
                 let pixels: [usize; 4] = std::array::from_fn(|part| {
                     let (u, v) = ((2 * x + part % 2).min(width - 1), (2 * y + part / 2).min(height - 1));
                     v * width + u
@@ -105,7 +105,7 @@ impl Inputs {
                 let chosen =
                     pixels.into_iter().min_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(pixels[0]);
                 let w = steps[chosen];
-                base[at] = w;
+                base[cell] = w;
                 let channels = grid.pixel_mut(x, y);
                 let (full, block) = channels.split_at_mut(4 * FULL);
                 for (full, &pixel) in full.chunks_exact_mut(FULL).zip(&pixels) {
@@ -115,7 +115,7 @@ impl Inputs {
                         colour[1] - 0.5,
                         colour[2] - 0.5,
                         (steps[pixel] - w).asinh(),
-                        own.confidence[pixel],
+                        own_evidence.confidence[pixel],
                     ]);
                 }
                 let said = Said::new(
@@ -124,17 +124,17 @@ impl Inputs {
                     evidence,
                     view.view,
                     chosen,
-                    own.inverse_depth[chosen],
+                    own_evidence.inverse_depth[chosen],
                     step,
                 );
-                let fallen = fallen[at];
+                let fallen = fallen[cell];
                 let has = f32::from(u8::from(fallen.count > 0.0));
                 let off = |other: f32| has * (in_steps(other) - w).asinh();
                 block.copy_from_slice(&[
                     2.0 * w / count - 1.0,
-                    (in_steps(own.matched[chosen]) - w).asinh(),
+                    (in_steps(own_evidence.matched[chosen]) - w).asinh(),
                     cost[chosen],
-                    own.distinct[chosen],
+                    own_evidence.distinct[chosen],
                     (1.0 + view.statistics.deviation(chosen)).ln() / 4.0,
                     said.agree,
                     said.floats,
@@ -172,8 +172,8 @@ impl Inputs {
     #[must_use]
     pub fn to_parts(&self) -> InputParts {
         let blocks = (0..self.grid.height).flat_map(|y| self.grid.row(y).iter().copied()).collect();
-        let (base, own) = (self.base.clone(), self.own.clone());
-        InputParts { size: (self.width, self.height), blocks, base, own, unit: self.unit }
+        let (base, steps) = (self.base.clone(), self.own.clone());
+        InputParts { size: (self.width, self.height), blocks, base, own: steps, unit: self.unit }
     }
 
     /// Inputs of such numbers.
@@ -182,14 +182,14 @@ impl Inputs {
     /// If there are not as many as the size asks for.
     #[must_use]
     pub fn of_parts(parts: InputParts) -> Self {
-        let InputParts { size: (width, height), blocks, base, own, unit } = parts;
+        let InputParts { size: (width, height), blocks, base, own: steps, unit } = parts;
         let mut grid = Grid::new(width.div_ceil(2), height.div_ceil(2), INPUTS);
         assert_eq!(blocks.len(), grid.width * grid.height * INPUTS, "channels of the blocks");
-        assert_eq!((base.len(), own.len()), (grid.width * grid.height, width * height), "inverse depths");
+        assert_eq!((base.len(), steps.len()), (grid.width * grid.height, width * height), "inverse depths");
         for (y, row) in blocks.chunks_exact(grid.width * INPUTS).enumerate() {
             grid.row_mut(y).copy_from_slice(row);
         }
-        Self { width, height, grid, base, own, unit }
+        Self { width, height, grid, base, own: steps, unit }
     }
 
     /// Width and height of the picture.
@@ -209,7 +209,7 @@ impl Inputs {
     /// (docs/bench/learned-depth.md).
     #[must_use]
     pub fn join(&self, decoded: &Decoded, stereo: impl Iterator<Item = (f32, f32)>) -> (Vec<f32>, Vec<f32>) {
-        let corrected = self.own.iter().zip(&decoded.correction).map(|(own, by)| own + by);
+        let corrected = self.own.iter().zip(&decoded.correction).map(|(w, by)| w + by);
         let [far, step] = self.unit;
         let confidence = decoded.confidence(self.width);
         let by_network = corrected.zip(confidence).map(|(steps, c)| (far + step * steps.max(0.0), c));
@@ -222,11 +222,11 @@ impl Inputs {
     /// Confidence of stereo, `[height, width]`.
     #[must_use]
     pub fn stereo_confidence(&self) -> Vec<f32> {
-        let of = |i: usize| {
+        let confidence = |i: usize| {
             let (x, y) = (i % self.width, i / self.width);
             self.grid.pixel(x / 2, y / 2)[(y % 2 * 2 + x % 2) * FULL + FULL - 1]
         };
-        (0..self.own.len()).map(of).collect()
+        (0..self.own.len()).map(confidence).collect()
     }
 
     /// Inverse depth by stereo, `[height, width]`, plane steps from the far end.
@@ -345,7 +345,7 @@ fn pixels_per_step(view: &Matched, matched: &[Matched], planes: &Planes) -> f32 
 
 /// The inputs of all views.
 pub(crate) fn of_all(matched: &[Matched], evidence: &[Evidence], planes: &Planes) -> Vec<Inputs> {
-    (0..matched.len()).into_par_iter().map(|of| Inputs::new(of, matched, evidence, planes)).collect()
+    (0..matched.len()).into_par_iter().map(|index| Inputs::new(index, matched, evidence, planes)).collect()
 }
 
 #[cfg(test)]
@@ -388,9 +388,9 @@ mod tests {
     #[test]
     fn confidence_is_read_from_the_pixels_of_the_blocks() {
         let mut parts = example();
-        for (at, block) in parts.blocks.chunks_exact_mut(INPUTS).enumerate() {
+        for (index, block) in parts.blocks.chunks_exact_mut(INPUTS).enumerate() {
             for part in 0..4 {
-                block[part * FULL + FULL - 1] = (10 * at + part) as f32;
+                block[part * FULL + FULL - 1] = (10 * index + part) as f32;
             }
         }
         let confidence = Inputs::of_parts(parts).stereo_confidence();

@@ -168,12 +168,12 @@ impl Architecture {
                     if let Some(plus) = plus {
                         give(&mut gradients, plus, &|to| to.add(&gradient));
                     }
-                    let of = &self.layers[layer];
+                    let convolution = &self.layers[layer];
                     let rectified = relu.then(|| nodes[from].relu(isa));
-                    let into = &mut all[of.offset..][..of.weights() + of.outputs];
+                    let into = &mut all[convolution.offset..][..convolution.weights() + convolution.outputs];
                     weight_gradients(
                         isa,
-                        of.side,
+                        convolution.side,
                         rectified.as_ref().unwrap_or(&nodes[from]),
                         &gradient,
                         into,
@@ -302,7 +302,7 @@ mod tests {
                         f64::from(bias[o]) + plus.map_or(0.0, |plus| f64::from(plus.pixel(x, y)[o]));
                     for down in 0..side {
                         for right in 0..side {
-                            let from = |at: usize, by: usize| (at + by).checked_sub(side / 2);
+                            let from = |centre: usize, by: usize| (centre + by).checked_sub(side / 2);
                             let (Some(u), Some(v)) = (from(x, right), from(y, down)) else { continue };
                             if u < input.width && v < input.height {
                                 for (i, value) in input.pixel(u, v).iter().enumerate() {
@@ -369,7 +369,7 @@ mod tests {
             let range = layer.offset..layer.offset + layer.weights() + layer.outputs;
             let expected = gradient[range.clone()].iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
             let step = 2e-3;
-            let mut at = |by: f64| {
+            let mut moved_loss = |by: f64| {
                 let before = values[range.clone()].to_vec();
                 for (value, along) in values[range.clone()].iter_mut().zip(&gradient[range.clone()]) {
                     *value += (by * f64::from(*along) / expected) as f32;
@@ -378,7 +378,7 @@ mod tests {
                 values[range.clone()].copy_from_slice(&before);
                 found
             };
-            let found = (at(step) - at(-step)) / (2.0 * step);
+            let found = (moved_loss(step) - moved_loss(-step)) / (2.0 * step);
             assert!((found - expected).abs() < 0.02 * expected, "{}: {found} {expected}", layer.name);
         }
     }

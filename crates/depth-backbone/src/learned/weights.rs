@@ -67,8 +67,8 @@ impl DepthWeights {
         }
         match self.values.iter().position(|v| !v.is_finite()) {
             None => Ok(()),
-            Some(at) => {
-                let layer = architecture.layers.iter().rfind(|layer| layer.offset <= at);
+            Some(index) => {
+                let layer = architecture.layers.iter().rfind(|layer| layer.offset <= index);
                 let name = layer.map_or_else(String::new, |layer| layer.name.clone());
                 Err(Error::DepthWeights {
                     problems: vec![WeightProblem { name, fault: WeightFault::NotFinite }],
@@ -215,8 +215,8 @@ mod tests {
             assert!(DepthWeights::from_bytes(&bytes[..length]).is_err(), "{length}");
         }
         let mut other = bytes.clone();
-        let at = bytes.windows(9).position(|name| name == b"stem.bias").unwrap();
-        other[at..at + 9].copy_from_slice(b"item.bias");
+        let start = bytes.windows(9).position(|name| name == b"stem.bias").unwrap();
+        other[start..start + 9].copy_from_slice(b"item.bias");
         let error = DepthWeights::from_bytes(&other).unwrap_err().to_string();
         assert!(
             error.contains("stem.bias is missing") && error.contains("item.bias is unexpected"),

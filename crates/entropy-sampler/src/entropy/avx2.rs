@@ -191,9 +191,9 @@ fn add_steps<const N: usize, const LOW: usize, const TOP: usize>(
         let mut rises = [[zero; 2]; 3];
         for (byte, rises) in rises.iter_mut().enumerate() {
             for j in 0..N {
-                let at = 2 * j * stride + x + j;
+                let start = 2 * j * stride + x + j;
                 // SAFETY: `x + j + LANES` is at most `sums.len() + N`, hence `stride`, and there are `2 * N` planes.
-                let ranks = unsafe { [load(planes, at), load(planes, at + stride)] };
+                let ranks = unsafe { [load(planes, start), load(planes, start + stride)] };
                 // Only the last pixel of a window may find `N² - 1` equals.
                 if j + 1 < N {
                     add_bytes(rises, &low[byte], ranks);
@@ -255,29 +255,29 @@ fn tables<const T: usize>(bytes: &[[u8; 16]; 4]) -> [__m256i; T] {
     let mut next = _mm256_setzero_si256();
     for (table, bytes) in tables.iter_mut().zip(bytes).rev() {
         // SAFETY: the array has the 16 bytes that are read.
-        let own = _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) });
-        *table = _mm256_xor_si256(own, next);
-        next = own;
+        let entries = _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(bytes.as_ptr().cast()) });
+        *table = _mm256_xor_si256(entries, next);
+        next = entries;
     }
     tables
 }
 
 /// # Safety
-/// `from` has [`LANES`] bytes from `at` on.
+/// `from` has [`LANES`] bytes from `start` on.
 #[inline]
 #[target_feature(enable = "avx2")]
-unsafe fn load(from: &[u8], at: usize) -> __m256i {
-    debug_assert!(at + LANES <= from.len());
+unsafe fn load(from: &[u8], start: usize) -> __m256i {
+    debug_assert!(start + LANES <= from.len());
     // SAFETY: the caller's.
-    unsafe { _mm256_loadu_si256(from.as_ptr().add(at).cast()) }
+    unsafe { _mm256_loadu_si256(from.as_ptr().add(start).cast()) }
 }
 
 /// # Safety
-/// `to` has [`LANES`] bytes from `at` on.
+/// `to` has [`LANES`] bytes from `start` on.
 #[inline]
 #[target_feature(enable = "avx2")]
-unsafe fn store(to: &mut [u8], at: usize, register: __m256i) {
-    debug_assert!(at + LANES <= to.len());
+unsafe fn store(to: &mut [u8], start: usize, register: __m256i) {
+    debug_assert!(start + LANES <= to.len());
     // SAFETY: the caller's.
-    unsafe { _mm256_storeu_si256(to.as_mut_ptr().add(at).cast(), register) }
+    unsafe { _mm256_storeu_si256(to.as_mut_ptr().add(start).cast(), register) }
 }

@@ -140,17 +140,17 @@ pub(super) fn blend(
             });
             for (y, alpha) in alpha.chunks_exact_mut(grid.width).enumerate() {
                 for (x, alpha) in alpha.iter_mut().enumerate() {
-                    let (tile, at) = (x / TILE, y * grid.width + x);
+                    let (tile, pixel) = (x / TILE, y * grid.width + x);
                     let (Colours(rgb), trace) = (&room.colours[tile], &traces[tile]);
                     let (patch, lane) = patch(x % TILE, y);
                     let transmittance = trace.transmittance[patch][lane].abs();
                     *alpha = 1.0 - transmittance;
                     for channel in 0..3 {
-                        image[at * 3 + channel] =
+                        image[pixel * 3 + channel] =
                             rgb[channel][patch][lane] + transmittance * settings.background[channel];
                     }
                     let weight = trace.weight[patch][lane];
-                    if let Some(depth) = depth.get_mut(at).filter(|_| weight > 0.0) {
+                    if let Some(depth) = depth.get_mut(pixel).filter(|_| weight > 0.0) {
                         *depth = trace.nearest + trace.depth[patch][lane] / weight;
                     }
                 }
@@ -379,12 +379,12 @@ impl<const DEPTH: bool, const RECORD: bool> WithSimd for Blend<'_, DEPTH, RECORD
                     for v in 0..LANES / S::F32_LANES {
                         if let Some(row) = local.row(simd, y, v) {
                             for x in local.columns.clone() {
-                                let at = Place { patch: (y * SIDE + x) % PATCHES, v, place };
+                                let target = Place { patch: (y * SIDE + x) % PATCHES, v, place };
                                 blend_vector::<S, DEPTH, RECORD>(
                                     simd,
                                     (rgb, trace),
                                     splat,
-                                    at,
+                                    target,
                                     row.touch(simd, x, limits),
                                     limits,
                                 );

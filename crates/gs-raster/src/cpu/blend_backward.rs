@@ -174,26 +174,26 @@ impl Tile {
         let (column, row) = (index % grid.columns * TILE, index / grid.columns * TILE);
         for y in row..grid.height.min(row + TILE) {
             for x in column..grid.width.min(column + TILE) {
-                let ((patch, lane), at) = (patch(x - column, y - row), y * grid.width + x);
+                let ((patch, lane), pixel) = (patch(x - column, y - row), y * grid.width + x);
                 let transmittance = tile.transmittance[patch][lane];
                 let mut behind = 0.0;
                 for channel in 0..3 {
-                    let gradient = scaled(pixels.image[at * 3 + channel]);
+                    let gradient = scaled(pixels.image[pixel * 3 + channel]);
                     tile.rgb[channel][patch][lane] = gradient;
                     behind += gradient * settings.background[channel];
                     tile.background[channel] += f64::from(gradient) * f64::from(transmittance);
                 }
                 if let Some(alpha) = &pixels.alpha {
-                    behind -= scaled(alpha[at]);
+                    behind -= scaled(alpha[pixel]);
                 }
                 tile.behind[patch][lane] = behind;
                 if let Some(values) = values {
-                    tile.values[patch][lane] = values[at];
+                    tile.values[patch][lane] = values[pixel];
                 }
                 if let Some(depth) = &pixels.depth
                     && trace.weight[patch][lane] > 0.0
                 {
-                    tile.depth[patch][lane] = scaled(depth[at]) / trace.weight[patch][lane];
+                    tile.depth[patch][lane] = scaled(depth[pixel]) / trace.weight[patch][lane];
                     tile.expected[patch][lane] = trace.depth[patch][lane] / trace.weight[patch][lane];
                 }
             }
@@ -252,9 +252,9 @@ impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED
                         if let Some(row) = local.row(simd, y, v) {
                             let mut sums = Sums::<S> { s: [zero; 3], weight: [zero; 6] };
                             for x in local.columns.clone() {
-                                let at = Place { patch: (y * SIDE + x) % PATCHES, v, x, place };
+                                let target = Place { patch: (y * SIDE + x) % PATCHES, v, x, place };
                                 blend_vector::<S, DEPTH, SHARED>(
-                                    simd, tile, splat, at, &row, limits, &mut sums,
+                                    simd, tile, splat, target, &row, limits, &mut sums,
                                 );
                             }
                             sums.add_to::<DEPTH, SHARED>(simd, row.dy, &mut found);

@@ -299,12 +299,12 @@ fn shade(
     image: &mut [f32],
     depth: &mut [f32],
 ) {
-    for (at, (&(front, ellipsoid), depth)) in seen.iter().zip(depth).enumerate() {
+    for (index, (&(front, ellipsoid), depth)) in seen.iter().zip(depth).enumerate() {
         if let Some(ellipsoid) = ellipsoid {
-            let pixel = DVec2::new((at % width) as f64, (top + at / width) as f64) + 0.5;
+            let pixel = DVec2::new((index % width) as f64, (top + index / width) as f64) + 0.5;
             let light = ellipsoid.lit(view, pixel) as f32;
             *depth = front as f32;
-            for (channel, rgb) in image[at * 3..at * 3 + 3].iter_mut().zip(ellipsoid.rgb) {
+            for (channel, rgb) in image[index * 3..index * 3 + 3].iter_mut().zip(ellipsoid.rgb) {
                 *channel = rgb * light;
             }
         }

@@ -178,56 +178,56 @@ impl Columns {
         }
     }
 
-    /// Vector number `at` of a column.
+    /// Vector number `index` of a column.
     #[inline(always)]
-    fn vector<S: Lanes>(&self, simd: S, column: usize, at: usize) -> F64s<S> {
-        F64s::widen(simd, &self.numbers[column], at)
+    fn vector<S: Lanes>(&self, simd: S, column: usize, index: usize) -> F64s<S> {
+        F64s::widen(simd, &self.numbers[column], index)
     }
 
     /// Whether every number is finite.
     #[inline(always)]
-    pub(super) fn is_finite<S: Lanes>(&self, simd: S, at: usize) -> Mask<S> {
+    pub(super) fn is_finite<S: Lanes>(&self, simd: S, index: usize) -> Mask<S> {
         let zero = F64s::splat(simd, 0.0);
         let mut sum = zero;
         for column in 0..Gaussians::GEOMETRY {
-            sum = self.vector(simd, column, at).mul_add(zero, sum);
+            sum = self.vector(simd, column, index).mul_add(zero, sum);
         }
         sum.equals(zero)
     }
 
     #[inline(always)]
-    fn three<S: Lanes>(&self, simd: S, first: usize, at: usize) -> Vector3<S> {
+    fn three<S: Lanes>(&self, simd: S, first: usize, index: usize) -> Vector3<S> {
         Vector3::new(
-            self.vector(simd, first, at),
-            self.vector(simd, first + 1, at),
-            self.vector(simd, first + 2, at),
+            self.vector(simd, first, index),
+            self.vector(simd, first + 1, index),
+            self.vector(simd, first + 2, index),
         )
     }
 
     #[inline(always)]
-    pub(super) fn mean<S: Lanes>(&self, simd: S, at: usize) -> Vector3<S> {
-        self.three(simd, MEAN.start, at)
+    pub(super) fn mean<S: Lanes>(&self, simd: S, index: usize) -> Vector3<S> {
+        self.three(simd, MEAN.start, index)
     }
 
     /// (w, x, y, z).
     #[inline(always)]
-    fn quaternion<S: Lanes>(&self, simd: S, at: usize) -> [F64s<S>; 4] {
-        let Vector3 { x, y, z } = self.three(simd, QUATERNION.start + 1, at);
-        [self.vector(simd, QUATERNION.start, at), x, y, z]
+    fn quaternion<S: Lanes>(&self, simd: S, index: usize) -> [F64s<S>; 4] {
+        let Vector3 { x, y, z } = self.three(simd, QUATERNION.start + 1, index);
+        [self.vector(simd, QUATERNION.start, index), x, y, z]
     }
 
     /// The largest scale of each Gaussian.
     #[inline(always)]
-    pub(super) fn largest_scale<S: Lanes>(&self, simd: S, at: usize) -> F64s<S> {
-        let found = self.three(simd, LOG_SCALE.start, at).max_element();
+    pub(super) fn largest_scale<S: Lanes>(&self, simd: S, index: usize) -> F64s<S> {
+        let found = self.three(simd, LOG_SCALE.start, index).max_element();
         if self.is_activated { found } else { math::exp(found) }
     }
 
     /// Scales and opacities: exp of what is stored, and its sigmoid.
     #[inline(always)]
-    pub(super) fn activate<S: Lanes>(&self, simd: S, at: usize) -> Activations<S> {
-        let scale = self.three(simd, LOG_SCALE.start, at);
-        let number = self.vector(simd, OPACITY_LOGIT, at);
+    pub(super) fn activate<S: Lanes>(&self, simd: S, index: usize) -> Activations<S> {
+        let scale = self.three(simd, LOG_SCALE.start, index);
+        let number = self.vector(simd, OPACITY_LOGIT, index);
         if self.is_activated {
             let opacity = number.clamp(f64::from(OPACITIES.0), f64::from(OPACITIES.1));
             Activations { scale, opacity, log_opacity_by_number: opacity.recip() }
@@ -280,21 +280,21 @@ pub(super) struct Footprint<S: Lanes> {
 }
 
 impl<S: Lanes> Footprint<S> {
-    /// `at` is the number of the vector in the columns; `activations` are those of the same Gaussians.
+    /// `index` is the number of the vector in the columns; `activations` are those of the same Gaussians.
     #[inline(always)]
     pub(super) fn new(
         simd: S,
         view: &View,
         columns: &Columns,
         activations: &Activations<S>,
-        at: usize,
+        index: usize,
     ) -> Self {
-        let mean = view.place(columns.mean(simd, at));
+        let mean = view.place(columns.mean(simd, index));
         let inverse_z = mean.z.recip();
         let slope = [mean.x * inverse_z, mean.y * inverse_z];
         let clamped = [view.clamp(0, slope[0]), view.clamp(1, slope[1])];
 
-        let [w, x, y, z] = columns.quaternion(simd, at);
+        let [w, x, y, z] = columns.quaternion(simd, index);
         let norm = w.mul_add(w, z.mul_add(z, y.mul_add(y, x * x))).sqrt();
         let inverse = norm.recip();
         let quaternion = [w * inverse, x * inverse, y * inverse, z * inverse];

@@ -112,10 +112,10 @@ mod tests {
         #[inline(always)]
         fn run<S: Lanes>(self, simd: S) -> [Vec<f64>; 2] {
             let mut found = [vec![0.0; self.0.len()], vec![0.0; self.0.len()]];
-            for at in 0..self.0.len() / S::F64_LANES {
-                let x = F64s::load(simd, self.0, at);
-                exp(x).store(&mut found[0], at);
-                log2_of(x).store(&mut found[1], at);
+            for index in 0..self.0.len() / S::F64_LANES {
+                let x = F64s::load(simd, self.0, index);
+                exp(x).store(&mut found[0], index);
+                log2_of(x).store(&mut found[1], index);
             }
             found
         }

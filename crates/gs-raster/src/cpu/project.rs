@@ -111,8 +111,8 @@ impl Splats {
             (_, false) => project_chunk::<3, false>,
         };
         self.chunks.resize_with(source.len().div_ceil(CHUNK), Chunk::default);
-        self.chunks.par_iter_mut().enumerate().for_each(|(at, chunk)| {
-            let gaussians = at * CHUNK..source.len().min((at + 1) * CHUNK);
+        self.chunks.par_iter_mut().enumerate().for_each(|(index, chunk)| {
+            let gaussians = index * CHUNK..source.len().min((index + 1) * CHUNK);
             project_chunk(isa, chunk, &view, frame, source, gaussians);
         });
         match source {

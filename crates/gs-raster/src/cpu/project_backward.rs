@@ -50,8 +50,8 @@ pub(super) fn project_backward(
         .zip(sums.chunks(CHUNK, sh_row))
         .zip(&mut shares)
         .enumerate()
-        .map(|(at, (((splats, places), sums), shares))| {
-            let mut chunk = Chunk { splats, places, source, first: at * CHUNK, sums, shares };
+        .map(|(index, (((splats, places), sums), shares))| {
+            let mut chunk = Chunk { splats, places, source, first: index * CHUNK, sums, shares };
             chunk_backward(isa, &mut chunk, &view, summed)
         })
         .collect();
@@ -104,23 +104,23 @@ fn chunk_backward<const DEGREE: usize>(
             *moments = summed.moments[place as usize];
         }
         block.active = [0.0; BLOCK];
-        for (at, (splat, moments)) in splats.iter().zip(&moments).enumerate() {
+        for (index, (splat, moments)) in splats.iter().zip(&moments).enumerate() {
             let row = splat.gaussian as usize;
             let gaussian = chunk.first + row;
             let sh = match chunk.source {
                 Source::Stored(scene) => {
                     let row = &scene.geometry()[gaussian * Gaussians::GEOMETRY..];
-                    columns.set(at, &row[..Gaussians::GEOMETRY]);
+                    columns.set(index, &row[..Gaussians::GEOMETRY]);
                     &scene.sh()[gaussian * coefficients * 3..]
                 }
                 Source::Activated(arrays) => {
-                    columns.set_activated(at, arrays, gaussian);
+                    columns.set_activated(index, arrays, gaussian);
                     arrays.sh_of(gaussian, &mut room)
                 }
             };
-            block.active[at] = f64::from(moments[..SHARES].iter().any(|&moment| moment != 0.0));
+            block.active[index] = f64::from(moments[..SHARES].iter().any(|&moment| moment != 0.0));
             for (column, &moment) in block.moments.iter_mut().zip(moments) {
-                column[at] = moment;
+                column[index] = moment;
             }
             if let Some(shares) = chunk.shares.get_mut(row) {
                 add(&mut shares[0], moments[SHARES]);
@@ -129,24 +129,25 @@ fn chunk_backward<const DEGREE: usize>(
             let rgb = colour_gradient(splat, moments);
             let sh = &sh[..coefficients * 3];
             for k in 0..coefficients {
-                block.weights[k][at] = sh[3 * k] * rgb[0] + sh[3 * k + 1] * rgb[1] + sh[3 * k + 2] * rgb[2];
+                block.weights[k][index] =
+                    sh[3 * k] * rgb[0] + sh[3 * k + 1] * rgb[1] + sh[3 * k + 2] * rgb[2];
             }
         }
         let (count, unit) = (splats.len(), summed.unit);
         dispatch(isa, ColourBackward::<DEGREE> { block: &mut block, view, columns: &columns, count });
         dispatch(isa, Backward { block: &mut block, view, columns: &columns, count, unit });
-        for (at, splat) in splats.iter().enumerate() {
-            if block.active[at] == 0.0 {
+        for (index, splat) in splats.iter().enumerate() {
+            if block.active[index] == 0.0 {
                 continue;
             }
             let row = splat.gaussian as usize;
-            chunk.sums.add_geometry(row, &block.geometry, at);
-            let rgb = colour_gradient(splat, &moments[at]);
+            chunk.sums.add_geometry(row, &block.geometry, index);
+            let rgb = colour_gradient(splat, &moments[index]);
             let rgb = rgb.map(|channel| finite(summed.unit * f64::from(channel)));
             let found = chunk.sums.sh(row, coefficients * 3);
             for k in 0..coefficients {
                 for channel in 0..3 {
-                    add(&mut found[3 * k + channel], block.basis[k][at] * rgb[channel]);
+                    add(&mut found[3 * k + channel], block.basis[k][index] * rgb[channel]);
                 }
             }
         }
@@ -196,30 +197,30 @@ impl<const DEGREE: usize> Kernel for ColourBackward<'_, DEGREE> {
         let Self { block, view, columns, count } = self;
         let (mut direction, mut inverse) = ([[0.0; BLOCK]; 3], [0.0; BLOCK]);
         let (mut rounded, mut gradient) = ([[0.0; BLOCK]; 3], [[0.0; BLOCK]; 3]);
-        for at in 0..count.div_ceil(S::F64_LANES) {
-            let (d, one_over) = view.direction(columns.mean(simd, at));
-            d.store(&mut direction, at);
-            d.narrow(&mut rounded, at);
-            one_over.store(&mut inverse, at);
+        for index in 0..count.div_ceil(S::F64_LANES) {
+            let (d, one_over) = view.direction(columns.mean(simd, index));
+            d.store(&mut direction, index);
+            d.narrow(&mut rounded, index);
+            one_over.store(&mut inverse, index);
         }
-        for at in 0..count.div_ceil(S::F32_LANES) {
+        for index in 0..count.div_ceil(S::F32_LANES) {
             let [x, y, z] = &rounded;
-            let d = [F32s::load(simd, x, at), F32s::load(simd, y, at), F32s::load(simd, z, at)];
+            let d = [F32s::load(simd, x, index), F32s::load(simd, y, index), F32s::load(simd, z, index)];
             let basis = sh::basis::<DEGREE, S>(d);
             let mut weights = [F32s::splat(simd, 0.0); sh::COEFFICIENTS_MAX];
             for k in 0..sh_coefficients(DEGREE) {
-                basis[k].store(&mut block.basis[k], at);
-                weights[k] = F32s::load(simd, &block.weights[k], at);
+                basis[k].store(&mut block.basis[k], index);
+                weights[k] = F32s::load(simd, &block.weights[k], index);
             }
             let by = sh::direction_gradient::<DEGREE, S>(d, &weights);
             for axis in 0..3 {
-                by[axis].store(&mut gradient[axis], at);
+                by[axis].store(&mut gradient[axis], index);
             }
         }
-        for at in 0..count.div_ceil(S::F64_LANES) {
-            let (d, g) = (Vector3::load(simd, &direction, at), Vector3::widen(simd, &gradient, at));
+        for index in 0..count.div_ceil(S::F64_LANES) {
+            let (d, g) = (Vector3::load(simd, &direction, index), Vector3::widen(simd, &gradient, index));
             let across = d.mul_add(-d.dot(g), g);
-            (across * F64s::load(simd, &inverse, at)).store(&mut block.shift, at);
+            (across * F64s::load(simd, &inverse, index)).store(&mut block.shift, index);
         }
     }
 }
@@ -238,8 +239,8 @@ impl Kernel for Backward<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, simd: S) {
-        for at in 0..self.count.div_ceil(S::F64_LANES) {
-            self.block.backward(simd, at, self.view, self.columns, self.unit);
+        for index in 0..self.count.div_ceil(S::F64_LANES) {
+            self.block.backward(simd, index, self.view, self.columns, self.unit);
         }
     }
 }
@@ -258,14 +259,14 @@ impl Block {
     }
 
     #[inline(always)]
-    fn backward<S: Lanes>(&mut self, simd: S, at: usize, view: &View, columns: &Columns, unit: f64) {
-        let activations = columns.activate(simd, at);
-        let shape = Footprint::new(simd, view, columns, &activations, at);
+    fn backward<S: Lanes>(&mut self, simd: S, index: usize, view: &View, columns: &Columns, unit: f64) {
+        let activations = columns.activate(simd, index);
+        let shape = Footprint::new(simd, view, columns, &activations, index);
         let (s, s_dx, s_dxdx) =
-            (self.moment(simd, 0, at), self.moment(simd, 1, at), self.moment(simd, 2, at));
+            (self.moment(simd, 0, index), self.moment(simd, 1, index), self.moment(simd, 2, index));
         let (s_dy, s_dydy, s_dxdy) =
-            (self.moment(simd, 3, at), self.moment(simd, 4, at), self.moment(simd, 5, at));
-        let by_z = self.moment(simd, 9, at);
+            (self.moment(simd, 3, index), self.moment(simd, 4, index), self.moment(simd, 5, index));
+        let by_z = self.moment(simd, 9, index);
 
         // log₂ α = p dx² + r dy² + log₂ opacity with dx = x - mean_x - shear (y - mean_y), p = k / m, r = k / c, where m =
         // a - b² / c is the variance along a row, and shear = b / c.
@@ -334,8 +335,8 @@ impl Block {
             Vector3::new(by_slope[0] * inverse_z, by_slope[1] * inverse_z, by_z - shrink * inverse_z);
         let by_forward = by_row[0] * -clamped_x - by_row[1] * clamped_y;
 
-        let mean = columns.mean(simd, at);
-        let shift = Vector3::load(simd, &self.shift, at);
+        let mean = columns.mean(simd, index);
+        let shift = Vector3::load(simd, &self.shift, index);
         let axis = view.rotation;
         let world = shift
             + Vector3::new(
@@ -345,16 +346,16 @@ impl Block {
             );
         let [qw, qx, qy, qz] = by_quaternion;
         let by_quaternion = [qw * inverse_norm, qx * inverse_norm, qy * inverse_norm, qz * inverse_norm];
-        self.set_geometry(at, unit, 0, [world.x, world.y, world.z]);
-        self.set_geometry(at, unit, 3, by_quaternion);
-        self.set_geometry(at, unit, 7, by_scale);
-        self.set_geometry(at, unit, 10, [by_opacity]);
+        self.set_geometry(index, unit, 0, [world.x, world.y, world.z]);
+        self.set_geometry(index, unit, 3, by_quaternion);
+        self.set_geometry(index, unit, 7, by_scale);
+        self.set_geometry(index, unit, 10, [by_opacity]);
 
         let zero = F64s::splat(simd, 0.0);
-        let active = zero.is_below(F64s::load(simd, &self.active, at));
+        let active = zero.is_below(F64s::load(simd, &self.active, index));
         // A longer focal length moves the centre along its slope, and stretches what the rows of J map without the slope.
         let by_focal = along + by_row[0].dot(view.row(simd, 0)) + by_row[1].dot(view.row(simd, 1));
-        self.add_camera(at, 12, active, by_focal);
+        self.add_camera(index, 12, active, by_focal);
         // The camera centre is -Rᵀ t; the colours move with it as they do with the mean, the other way.
         let translation = Vector3::splat(simd, view.translation);
         let by_x = by_mean.mul_add(mean.x, translation * shift.x)
@@ -363,22 +364,22 @@ impl Block {
             + Vector3::new(by_row[0].y, by_row[1].y, by_forward.y);
         let by_z = by_mean.mul_add(mean.z, translation * shift.z)
             + Vector3::new(by_row[0].z, by_row[1].z, by_forward.z);
-        self.add_vector(at, 0, active, by_x);
-        self.add_vector(at, 3, active, by_y);
-        self.add_vector(at, 6, active, by_z);
-        self.add_vector(at, 9, active, by_mean + view.turn(shift));
+        self.add_vector(index, 0, active, by_x);
+        self.add_vector(index, 3, active, by_y);
+        self.add_vector(index, 6, active, by_z);
+        self.add_vector(index, 9, active, by_mean + view.turn(shift));
     }
 
     #[inline(always)]
-    fn moment<S: Lanes>(&self, simd: S, k: usize, at: usize) -> F64s<S> {
-        F64s::widen(simd, &self.moments[k], at)
+    fn moment<S: Lanes>(&self, simd: S, k: usize, index: usize) -> F64s<S> {
+        F64s::widen(simd, &self.moments[k], index)
     }
 
     /// Columns of geometry from `first` on, as [`finite`] makes them.
     #[inline(always)]
     fn set_geometry<S: Lanes, const N: usize>(
         &mut self,
-        at: usize,
+        index: usize,
         unit: f64,
         first: usize,
         values: [F64s<S>; N],
@@ -386,23 +387,23 @@ impl Block {
         for (column, value) in self.geometry[first..].iter_mut().zip(values) {
             let value = unit * value;
             let within = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX));
-            value.equals(value).select(within, value.all(0.0)).narrow(column, at);
+            value.equals(value).select(within, value.all(0.0)).narrow(column, index);
         }
     }
 
     /// Adds to column `k` of the camera where `active`.
     #[inline(always)]
-    fn add_camera<S: Lanes>(&mut self, at: usize, k: usize, active: Mask<S>, by: F64s<S>) {
-        let sum = F64s::load(by.simd(), &self.camera[k], at);
-        (sum + active.select(by, by.all(0.0))).store(&mut self.camera[k], at);
+    fn add_camera<S: Lanes>(&mut self, index: usize, k: usize, active: Mask<S>, by: F64s<S>) {
+        let sum = F64s::load(by.simd(), &self.camera[k], index);
+        (sum + active.select(by, by.all(0.0))).store(&mut self.camera[k], index);
     }
 
     /// As [`Block::add_camera`], to three columns.
     #[inline(always)]
-    fn add_vector<S: Lanes>(&mut self, at: usize, first: usize, active: Mask<S>, by: Vector3<S>) {
-        self.add_camera(at, first, active, by.x);
-        self.add_camera(at, first + 1, active, by.y);
-        self.add_camera(at, first + 2, active, by.z);
+    fn add_vector<S: Lanes>(&mut self, index: usize, first: usize, active: Mask<S>, by: Vector3<S>) {
+        self.add_camera(index, first, active, by.x);
+        self.add_camera(index, first + 1, active, by.y);
+        self.add_camera(index, first + 2, active, by.z);
     }
 
     /// The sums over all blocks, times `unit`.

@@ -93,7 +93,7 @@ mod tests {
     fn the_derivative_is_the_limit_of_differences() {
         let weight: [f32; COEFFICIENTS_MAX] = std::array::from_fn(|k| ((k * 7 + 3) % 11) as f32 / 11.0 - 0.4);
         let lanes = |d: [f32; 3]| d.map(|number| F32s::splat(Scalar, number));
-        let at = |d: [f32; 3]| -> f64 {
+        let radiance = |d: [f32; 3]| -> f64 {
             let basis = basis::<3, _>(lanes(d)).map(F32s::number);
             basis.iter().zip(&weight).map(|(b, w)| f64::from(*b) * f64::from(*w)).sum()
         };
@@ -105,7 +105,7 @@ mod tests {
             let moved = |sign: f32| {
                 let mut moved = d;
                 moved[axis] += sign * step;
-                at(moved)
+                radiance(moved)
             };
             // Exact for cubics up to the third derivative, which Richardson's step removes.
             let wide = (moved(1.0) - moved(-1.0)) / (2.0 * f64::from(step));

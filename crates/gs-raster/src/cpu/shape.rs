@@ -28,25 +28,25 @@ impl Kernel for FirstLook<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, simd: S) {
-        for at in 0..self.count.div_ceil(S::F64_LANES) {
-            outcome_at_first(simd, self.view, self.columns, at).store(self.outcomes, at);
+        for index in 0..self.count.div_ceil(S::F64_LANES) {
+            outcome_at_first(simd, self.view, self.columns, index).store(self.outcomes, index);
         }
     }
 }
 
 /// Every test is written so that NaN fails it.
 #[inline(always)]
-fn outcome_at_first<S: Lanes>(simd: S, view: &View, columns: &Columns, at: usize) -> U64s<S> {
-    let mean = view.place(columns.mean(simd, at));
+fn outcome_at_first<S: Lanes>(simd: S, view: &View, columns: &Columns, index: usize) -> U64s<S> {
+    let mean = view.place(columns.mean(simd, index));
     let before = F64s::splat(simd, view.near).is_below(mean.z) & mean.z.is_below(mean.z.all(view.far));
     // Most Gaussians outside the image are far outside: an opaque ball around such a one misses it, too. The ball
     // is a little larger because a valid rotation may be off by 1e-4.
     let inverse_z = mean.z.recip();
-    let radius = 1.001 * columns.largest_scale(simd, at);
+    let radius = 1.001 * columns.largest_scale(simd, index);
     let outside = is_ball_outside(view, 0, mean.x * inverse_z, inverse_z, radius)
         | is_ball_outside(view, 1, mean.y * inverse_z, inverse_z, radius);
     let outcome = (before & !outside).select_bits(U64s::splat(simd, DRAWN), U64s::splat(simd, CULLED));
-    columns.is_finite(simd, at).select_bits(outcome, U64s::splat(simd, REJECTED))
+    columns.is_finite(simd, index).select_bits(outcome, U64s::splat(simd, REJECTED))
 }
 
 /// Whether a ball misses the image along an axis.
@@ -77,8 +77,8 @@ impl Kernel for FindShapes<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, simd: S) {
-        for at in 0..self.count.div_ceil(S::F64_LANES) {
-            self.shapes.set(simd, at, self.view, self.columns);
+        for index in 0..self.count.div_ceil(S::F64_LANES) {
+            self.shapes.set(simd, index, self.view, self.columns);
         }
     }
 }
@@ -96,11 +96,12 @@ impl<const DEGREE: usize> Kernel for FindBasis<'_, DEGREE> {
     #[inline(always)]
     fn run<S: Lanes>(self, simd: S) {
         let [x, y, z] = self.direction;
-        for at in 0..self.count.div_ceil(S::F32_LANES) {
-            let direction = [F32s::load(simd, x, at), F32s::load(simd, y, at), F32s::load(simd, z, at)];
+        for index in 0..self.count.div_ceil(S::F32_LANES) {
+            let direction =
+                [F32s::load(simd, x, index), F32s::load(simd, y, index), F32s::load(simd, z, index)];
             let values = sh::basis::<DEGREE, S>(direction);
             for (column, values) in self.basis.iter_mut().zip(values).take(sh_coefficients(DEGREE)) {
-                values.store(column, at);
+                values.store(column, index);
             }
         }
     }
@@ -160,8 +161,8 @@ impl Shapes {
     }
 
     #[inline(always)]
-    fn set<S: Lanes>(&mut self, simd: S, at: usize, view: &View, columns: &Columns) {
-        let shape = Footprint::new(simd, view, columns, &columns.activate(simd, at), at);
+    fn set<S: Lanes>(&mut self, simd: S, index: usize, view: &View, columns: &Columns) {
+        let shape = Footprint::new(simd, view, columns, &columns.activate(simd, index), index);
         let Footprint { a, b, c, det, .. } = shape;
         let opacity = shape.opacity * shape.compensation;
         let centre = [shape.centre(view, 0), shape.centre(view, 1)];
@@ -189,21 +190,21 @@ impl Shapes {
             let first = (centre[axis] - extent[axis] - 0.5).ceil().max(zero);
             let last = (centre[axis] + extent[axis] - 0.5).floor().min(zero.all(view.size[axis] - 1.0));
             is_inside = is_inside & first.is_at_most(last);
-            first.store(&mut self.first[axis], at);
-            last.store(&mut self.last[axis], at);
+            first.store(&mut self.first[axis], index);
+            last.store(&mut self.last[axis], index);
         }
         let outcome = is_inside.select_bits(U64s::splat(simd, DRAWN), U64s::splat(simd, CULLED));
-        is_shaped.select_bits(outcome, U64s::splat(simd, REJECTED)).store(&mut self.outcome, at);
-        centre[0].store(&mut self.mean[0], at);
-        centre[1].store(&mut self.mean[1], at);
-        falloff[0].narrow(&mut self.falloff[0], at);
-        falloff[1].narrow(&mut self.falloff[1], at);
-        log2_opacity.narrow(&mut self.log2_opacity, at);
-        shape.mean.z.narrow(&mut self.depth, at);
-        shear.narrow(&mut self.shear, at);
-        extent[0].narrow(&mut self.half_width, at);
-        let (direction, _) = view.direction(columns.mean(simd, at));
-        direction.narrow(&mut self.direction, at);
+        is_shaped.select_bits(outcome, U64s::splat(simd, REJECTED)).store(&mut self.outcome, index);
+        centre[0].store(&mut self.mean[0], index);
+        centre[1].store(&mut self.mean[1], index);
+        falloff[0].narrow(&mut self.falloff[0], index);
+        falloff[1].narrow(&mut self.falloff[1], index);
+        log2_opacity.narrow(&mut self.log2_opacity, index);
+        shape.mean.z.narrow(&mut self.depth, index);
+        shear.narrow(&mut self.shear, index);
+        extent[0].narrow(&mut self.half_width, index);
+        let (direction, _) = view.direction(columns.mean(simd, index));
+        direction.narrow(&mut self.direction, index);
     }
 
     #[inline(always)]

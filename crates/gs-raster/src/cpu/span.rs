@@ -36,7 +36,7 @@ impl Bounds {
     #[inline(always)]
     pub(super) fn for_each_span(self, splat: &Splat, grid: Grid, limit: f32, mut visit: impl FnMut(Span)) {
         let [[top, bottom], [left, right]] =
-            [self.rows, self.columns].map(|ends| ends.map(|at| at / TILE as u32));
+            [self.rows, self.columns].map(|ends| ends.map(|end| end / TILE as u32));
         let columns = grid.columns as u32;
         // In one row or column of tiles the ellipse touches all that its bounding box does.
         if top == bottom || left == right {

@@ -24,30 +24,34 @@ impl<S: Lanes> Vector3<S> {
         Self { x: F64s::splat(simd, v.x), y: F64s::splat(simd, v.y), z: F64s::splat(simd, v.z) }
     }
 
-    /// Vector number `at` of columns of coordinates.
+    /// Vector number `index` of columns of coordinates.
     #[inline(always)]
-    pub(super) fn load<const N: usize>(simd: S, [x, y, z]: &[[f64; N]; 3], at: usize) -> Self {
-        Self { x: F64s::load(simd, x, at), y: F64s::load(simd, y, at), z: F64s::load(simd, z, at) }
+    pub(super) fn load<const N: usize>(simd: S, [x, y, z]: &[[f64; N]; 3], index: usize) -> Self {
+        Self { x: F64s::load(simd, x, index), y: F64s::load(simd, y, index), z: F64s::load(simd, z, index) }
     }
 
     #[inline(always)]
-    pub(super) fn store<const N: usize>(self, [x, y, z]: &mut [[f64; N]; 3], at: usize) {
-        self.x.store(x, at);
-        self.y.store(y, at);
-        self.z.store(z, at);
+    pub(super) fn store<const N: usize>(self, [x, y, z]: &mut [[f64; N]; 3], index: usize) {
+        self.x.store(x, index);
+        self.y.store(y, index);
+        self.z.store(z, index);
     }
 
     /// As [`Vector3::load`], of columns of f32.
     #[inline(always)]
-    pub(super) fn widen<const N: usize>(simd: S, [x, y, z]: &[[f32; N]; 3], at: usize) -> Self {
-        Self { x: F64s::widen(simd, x, at), y: F64s::widen(simd, y, at), z: F64s::widen(simd, z, at) }
+    pub(super) fn widen<const N: usize>(simd: S, [x, y, z]: &[[f32; N]; 3], index: usize) -> Self {
+        Self {
+            x: F64s::widen(simd, x, index),
+            y: F64s::widen(simd, y, index),
+            z: F64s::widen(simd, z, index),
+        }
     }
 
     #[inline(always)]
-    pub(super) fn narrow<const N: usize>(self, [x, y, z]: &mut [[f32; N]; 3], at: usize) {
-        self.x.narrow(x, at);
-        self.y.narrow(y, at);
-        self.z.narrow(z, at);
+    pub(super) fn narrow<const N: usize>(self, [x, y, z]: &mut [[f32; N]; 3], index: usize) {
+        self.x.narrow(x, index);
+        self.y.narrow(y, index);
+        self.z.narrow(z, index);
     }
 
     #[inline(always)]

@@ -101,15 +101,15 @@ impl Gpu {
 /// by Σ w z v_D / W, by T v_D D / W; and by T what comes through alpha, -v_alpha.
 fn pixel_gradients(view: &ViewTape, pixels: &PixelGradients) -> Vec<f32> {
     let mut grads = Vec::with_capacity(view.transmittance.len() * PIXEL_GRADS);
-    for (at, &transmittance) in view.transmittance.iter().enumerate() {
-        grads.extend_from_slice(&pixels.image[at * 3..at * 3 + 3]);
-        let mut by_transmittance = -pixels.alpha.as_ref().map_or(0.0, |alpha| alpha[at]);
+    for (pixel, &transmittance) in view.transmittance.iter().enumerate() {
+        grads.extend_from_slice(&pixels.image[pixel * 3..pixel * 3 + 3]);
+        let mut by_transmittance = -pixels.alpha.as_ref().map_or(0.0, |alpha| alpha[pixel]);
         let mut by_sum = 0.0;
         if let (Some(grad), Some([depth, weight])) = (&pixels.depth, &view.depth)
-            && weight[at] > 0.0
+            && weight[pixel] > 0.0
         {
-            by_sum = grad[at] / weight[at];
-            by_transmittance += by_sum * depth[at];
+            by_sum = grad[pixel] / weight[pixel];
+            by_transmittance += by_sum * depth[pixel];
         }
         grads.extend_from_slice(&[by_transmittance, by_sum, transmittance]);
     }
@@ -120,7 +120,7 @@ fn pixel_gradients(view: &ViewTape, pixels: &PixelGradients) -> Vec<f32> {
 /// colours (3). As p = R m + t, the derivative by R is (that by D, less that by t times tᵀ) R⁻ᵀ. A longer focal length is a stretch of x
 /// and y that leaves the centre where it is.
 fn camera_gradient(sums: &[f64; POSE_SUMS], camera: &Camera) -> CameraGradient {
-    let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
+    let vector = |start: usize| DVec3::new(sums[start], sums[start + 1], sums[start + 2]);
     let by_centre = vector(12);
     let (by_axes, by_t) = (DMat3::from_cols(vector(0), vector(3), vector(6)).transpose(), vector(9));
     let t = camera.translation();

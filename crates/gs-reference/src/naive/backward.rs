@@ -50,11 +50,11 @@ pub fn backward(
             for layer in pixel.layers.iter().rev() {
                 let (gaussian, by) = (&projected[layer.place], &mut by_projected[layer.place]);
                 let [r, g, b] = gaussian.rgb;
-                let own = [r, g, b, 1.0, gaussian.depth];
+                let values = [r, g, b, 1.0, gaussian.depth];
                 let mut by_alpha = 0.0;
                 for channel in 0..5 {
-                    by_alpha += layer.transmittance * (own[channel] - behind[channel]) * by_pixel[channel];
-                    behind[channel] = layer.alpha * own[channel] + (1.0 - layer.alpha) * behind[channel];
+                    by_alpha += layer.transmittance * (values[channel] - behind[channel]) * by_pixel[channel];
+                    behind[channel] = layer.alpha * values[channel] + (1.0 - layer.alpha) * behind[channel];
                 }
                 let weight = layer.transmittance * layer.alpha;
                 for (sum, by_channel) in by.rgb.iter_mut().zip(by_pixel) {

@@ -151,8 +151,8 @@ fn copy_window(maps: View<'_>, window: Window, x: usize, y: usize, out: &mut [f3
         if rows.contains(&v) {
             out[..left].fill(0.0);
             out[right..].fill(0.0);
-            let [x, y] =
-                [(x, columns.start), (y, v)].map(|(step, at)| step * window.stride + at - window.padding);
+            let [x, y] = [(x, columns.start), (y, v)]
+                .map(|(step, offset)| step * window.stride + offset - window.padding);
             maps.copy(x, y, &mut out[left..right]);
         } else {
             out.fill(0.0);
@@ -231,14 +231,14 @@ mod tests {
                     let mut sum = f64::from(bias[o]);
                     for (v, u) in (0..window.side.pow(2)).map(|i| (i / window.side, i % window.side)) {
                         let (Some(v0), Some(u0)) = (
-                            (row * window.stride + v).checked_sub(window.padding).filter(|&at| at < height),
-                            (column * window.stride + u).checked_sub(window.padding).filter(|&at| at < width),
+                            (row * window.stride + v).checked_sub(window.padding).filter(|&index| index < height),
+                            (column * window.stride + u).checked_sub(window.padding).filter(|&index| index < width),
                         ) else { continue };
                         for i in 0..inputs {
                             let weight = f64::from(weight[((o * inputs + i) * window.side + v) * window.side + u]);
-                            let at = (v0 * width + u0) * inputs + i;
-                            sum += weight * f64::from(x.values[at]);
-                            expected[at] += weight * f64::from(g.values[(row * w + column) * (outputs + 1) + 1 + o]);
+                            let index = (v0 * width + u0) * inputs + i;
+                            sum += weight * f64::from(x.values[index]);
+                            expected[index] += weight * f64::from(g.values[(row * w + column) * (outputs + 1) + 1 + o]);
                         }
                     }
                     let found = y.values[(row * w + column) * (outputs + 2) + 1 + o];

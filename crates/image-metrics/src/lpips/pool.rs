@@ -36,9 +36,9 @@ impl Pool {
                     if u >= x.width || v >= x.height {
                         continue;
                     }
-                    for ((y, at), &value) in y.iter_mut().zip(&mut *places).zip(x.view().pixel(u, v)) {
+                    for ((y, offset), &value) in y.iter_mut().zip(&mut *places).zip(x.view().pixel(u, v)) {
                         if value > *y {
-                            (*y, *at) = (value, place as u8);
+                            (*y, *offset) = (value, place as u8);
                         }
                     }
                 }

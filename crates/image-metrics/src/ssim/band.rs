@@ -91,8 +91,8 @@ impl<'a> Pair<'a> {
     #[inline(always)]
     fn rows(self, y: usize) -> (&'a [f32], &'a [f32]) {
         let row = self.width * CHANNELS;
-        let at = y.min(self.height() - 1) * row;
-        (&self.a[at..at + row], &self.b[at..at + row])
+        let start = y.min(self.height() - 1) * row;
+        (&self.a[start..start + row], &self.b[start..start + row])
     }
 }
 

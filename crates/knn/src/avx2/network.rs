@@ -219,9 +219,9 @@ mod tests {
             run.store(registers);
             let keys: Vec<u64> = (0..RUN).map(|j| run.key(j)).collect();
             let (mut indices, mut sq_distances) = ([0; RUN], [0.0; RUN]);
-            for (at, (i, d)) in in_order(registers).into_iter().enumerate() {
-                crate::avx2::vector::store_u32(&mut indices[8 * at..], i);
-                crate::avx2::vector::store(&mut sq_distances[8 * at..], d);
+            for (register, (i, d)) in in_order(registers).into_iter().enumerate() {
+                crate::avx2::vector::store_u32(&mut indices[8 * register..], i);
+                crate::avx2::vector::store(&mut sq_distances[8 * register..], d);
             }
             let again: Vec<u64> =
                 sq_distances.iter().zip(indices).map(|(&d, i)| crate::search::key(d, i)).collect();

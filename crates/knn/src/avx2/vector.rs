@@ -10,11 +10,11 @@ static PACKED: [[u8; LANES]; 256] = {
     let mut table = [[0; LANES]; 256];
     let mut mask = 0;
     while mask < 256 {
-        let (mut lane, mut at) = (0, 0);
+        let (mut lane, mut slot) = (0, 0);
         while lane < LANES {
             if mask >> lane & 1 == 1 {
-                table[mask][at] = lane as u8;
-                at += 1;
+                table[mask][slot] = lane as u8;
+                slot += 1;
             }
             lane += 1;
         }

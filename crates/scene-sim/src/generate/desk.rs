@@ -63,8 +63,8 @@ impl Set {
             self.rod(&pens, "pen", 0.004, [foot, tip], paint);
         }
         let pen = plain(self.random.strong());
-        let at = v(side * (0.5 * wide - 0.32), -0.26, 0.005);
-        self.rod(frame, "pen", 0.0045, [at, at + v(0.05, 0.13, 0.0)], pen);
+        let start = v(side * (0.5 * wide - 0.32), -0.26, 0.005);
+        self.rod(frame, "pen", 0.0045, [start, start + v(0.05, 0.13, 0.0)], pen);
     }
 }
 
@@ -117,19 +117,19 @@ pub(crate) fn desk(set: &mut Set) -> Plan {
     for side in [-1.0, 1.0] {
         let room = half.x - 0.5 * wide - 0.1;
         let x = side * (0.5 * wide + 0.08 + 0.5 * room);
-        let (own, pick) = (wall.at(v(x, -gap, 0.0), 0.0), set.random.count(0, 3));
+        let (spot, pick) = (wall.at(v(x, -gap, 0.0), 0.0), set.random.count(0, 3));
         if pick == 0 && room > 0.6 && !behind {
             let tall = set.random.within(1.3, 2.1);
-            set.bookcase(&own, v((room - 0.12).min(1.0), 0.3, tall));
+            set.bookcase(&spot, v((room - 0.12).min(1.0), 0.3, tall));
         } else if pick == 1 && room > 0.55 {
-            set.sideboard(&own, v((room - 0.1).min(0.9), 0.4, 0.6));
+            set.sideboard(&spot, v((room - 0.1).min(0.9), 0.4, 0.6));
             let tall = set.random.within(0.3, 0.5);
-            set.potted(&own.at(v(0.0, -0.2, 0.6), 0.0), tall);
+            set.potted(&spot.at(v(0.0, -0.2, 0.6), 0.0), tall);
         } else if pick == 2 && room > 0.5 {
-            set.floor_lamp(&own.at(v(0.0, -0.28, 0.0), 0.0), light.evening);
+            set.floor_lamp(&spot.at(v(0.0, -0.28, 0.0), 0.0), light.evening);
         } else if room > 0.5 {
             let tall = set.random.within(0.8, 1.2);
-            set.potted(&own.at(v(0.0, -0.32, 0.0), 0.0), tall);
+            set.potted(&spot.at(v(0.0, -0.32, 0.0), 0.0), tall);
         }
     }
     let chair = centre.at(v(set.random_shift(0.3), -0.62, 0.0), 0.0);

@@ -45,9 +45,9 @@ impl Set {
         for (from, to, name) in
             [(-PAVEMENT, 0.0, "pavement"), (-PAVEMENT - STREET - 4.0, -PAVEMENT - STREET, "other pavement")]
         {
-            let own = if to < 0.0 { [from, to - KERB] } else { [from + KERB, to] };
-            let place = v(0.0, 0.5 * (own[0] + own[1]), -0.139);
-            self.block(&world, name, v(long, own[1] - own[0], 0.139), place, paving);
+            let span = if to < 0.0 { [from, to - KERB] } else { [from + KERB, to] };
+            let place = v(0.0, 0.5 * (span[0] + span[1]), -0.139);
+            self.block(&world, name, v(long, span[1] - span[0], 0.139), place, paving);
             let edge = if to < 0.0 { to - 0.5 * KERB } else { from + 0.5 * KERB };
             self.block(&world, "kerb", v(long, KERB, 0.142), v(0.0, edge, -0.139), kerb);
         }

@@ -199,10 +199,10 @@ impl Form {
             let colour = random.near(green, 0.08);
             // Along an arc that begins `lean` from the vertical and bends over.
             let spine: Vec<DVec3> = (0..6)
-                .scan(DVec3::ZERO, |at, k| {
-                    let here = *at;
+                .scan(DVec3::ZERO, |point, k| {
+                    let here = *point;
                     let bend = lean + f64::from(k) * 0.16;
-                    *at += (out * bend.sin() + DVec3::Z * bend.cos()) * (long / 5.0);
+                    *point += (out * bend.sin() + DVec3::Z * bend.cos()) * (long / 5.0);
                     Some(here)
                 })
                 .collect();

@@ -127,10 +127,10 @@ impl Set {
             let t = (f64::from(k) + 0.5) / f64::from(count);
             let place =
                 from + way * t + way.perp().normalize_or_zero() * (bend * (std::f64::consts::PI * t).sin());
-            let own =
+            let spot =
                 Frame::new(place.extend(0.0), self.random.within(-12.0, 12.0) + way.to_angle().to_degrees());
             let size = v(self.random.within(0.38, 0.46), self.random.within(0.44, 0.56), 0.03);
-            self.block(&own, "stepping stone", size, DVec3::ZERO, stone);
+            self.block(&spot, "stepping stone", size, DVec3::ZERO, stone);
         }
     }
 
@@ -304,12 +304,12 @@ pub(crate) fn garden(set: &mut Set) -> Plan {
             }
             taken.push((p, reach));
             let turn = set.random.within(-25.0, 25.0);
-            let own = world.at(p.extend(0.0), turn);
+            let spot = world.at(p.extend(0.0), turn);
             match kind {
                 0 => {
-                    set.garden_table(&own);
+                    set.garden_table(&spot);
                     if set.random.chance(0.4) {
-                        set.parasol(&own);
+                        set.parasol(&spot);
                     }
                 }
                 1 | 8 => {
@@ -318,21 +318,21 @@ pub(crate) fn garden(set: &mut Set) -> Plan {
                         set.random.within(0.7, 1.1),
                         set.random.within(0.6, 1.2),
                     );
-                    set.bush(&own, size);
+                    set.bush(&spot, size);
                 }
-                2 => set.bench(&own, 1.5),
+                2 => set.bench(&spot, 1.5),
                 3 => {
                     let size = DVec2::new(set.random.within(1.0, 1.6), set.random.within(0.7, 1.0));
-                    set.flower_bed(&own, size);
+                    set.flower_bed(&spot, size);
                 }
-                4 => set.bird_bath(&own),
-                5 => set.raised_bed(&own),
-                6 => set.watering_can(&own),
+                4 => set.bird_bath(&spot),
+                5 => set.raised_bed(&spot),
+                6 => set.watering_can(&spot),
                 7 => {
                     for k in 0..3 {
                         let place = v(0.45 * (f64::from(k) - 1.0), set.random.within(-0.2, 0.2), 0.0);
                         let tall = set.random.within(0.4, 0.9);
-                        set.potted(&own.at(place, 0.0), tall);
+                        set.potted(&spot.at(place, 0.0), tall);
                     }
                 }
                 _ => {
@@ -340,7 +340,7 @@ pub(crate) fn garden(set: &mut Set) -> Plan {
                     let colours = [WHITE, set.random.strong()];
                     let pattern = Pattern::Checker { colours, cell: 0.07 };
                     let turn = v(set.random.within(0.0, 90.0), set.random.within(0.0, 90.0), 0.0);
-                    set.put(&own, "ball", ball, v(0.0, 0.0, 0.14), turn, pattern);
+                    set.put(&spot, "ball", ball, v(0.0, 0.0, 0.14), turn, pattern);
                 }
             }
             break;

@@ -86,28 +86,28 @@ impl Set {
             let x = pitch * (f64::from(column) + 0.5) - 0.5 * (wide - 0.6);
             for row in 0..storeys {
                 let storey = if row == 0 { 0.0 } else { ground + upper * f64::from(row - 1) };
-                let own = frame.at(v(x, 0.0, storey), 0.0);
-                let at = |z: f64, size: DVec2| Opening {
+                let bay = frame.at(v(x, 0.0, storey), 0.0);
+                let opening = |z: f64, size: DVec2| Opening {
                     corner: DVec2::new(x + 0.5 * (wide - size.x), storey + z),
                     size,
                 };
                 if row == 0 && column == door {
                     let size = DVec2::new(1.1, 2.6);
-                    openings.push(at(0.3, size));
-                    self.front_door(&own.at(v(0.0, 0.0, 0.3), 0.0), size, style);
+                    openings.push(opening(0.3, size));
+                    self.front_door(&bay.at(v(0.0, 0.0, 0.3), 0.0), size, style);
                 } else if row == 0 && shop {
                     let size = DVec2::new(pitch - 0.4, 2.1);
-                    openings.push(at(0.55, size));
-                    self.shop_window(&own.at(v(0.0, 0.0, 0.55), 0.0), size, style);
+                    openings.push(opening(0.55, size));
+                    self.shop_window(&bay.at(v(0.0, 0.0, 0.55), 0.0), size, style);
                 } else if row > 0 && balconies && (column == balcony || column + 1 == columns - balcony) {
                     let size = DVec2::new(pane.x.max(0.9), 2.25);
-                    openings.push(at(0.06, size));
-                    self.pane(&own.at(v(0.0, 0.0, 0.06), 0.0), size, style, false);
-                    self.balcony(&own, (size.x + 0.9).min(pitch - 0.1));
+                    openings.push(opening(0.06, size));
+                    self.pane(&bay.at(v(0.0, 0.0, 0.06), 0.0), size, style, false);
+                    self.balcony(&bay, (size.x + 0.9).min(pitch - 0.1));
                 } else {
                     let sill = if row == 0 { 1.05 } else { 0.85 };
-                    openings.push(at(sill, pane));
-                    self.pane(&own.at(v(0.0, 0.0, sill), 0.0), pane, style, true);
+                    openings.push(opening(sill, pane));
+                    self.pane(&bay.at(v(0.0, 0.0, sill), 0.0), pane, style, true);
                 }
             }
         }

@@ -144,19 +144,19 @@ impl Set {
             }
             Piece::Bookcase | Piece::Sideboard | Piece::Mirror => {
                 let (deep, tall) = (self.random.within(0.36, 0.44), self.random.within(0.55, 0.72));
-                let own = frame.at(v(0.0, if window.is_some() { -0.24 } else { 0.0 }, 0.0), 0.0);
-                self.sideboard(&own, v(wide, deep, tall));
-                self.on_top(&own.at(v(0.0, -0.5 * deep, tall), 0.0), wide, light);
+                let spot = frame.at(v(0.0, if window.is_some() { -0.24 } else { 0.0 }, 0.0), 0.0);
+                self.sideboard(&spot, v(wide, deep, tall));
+                self.on_top(&spot.at(v(0.0, -0.5 * deep, tall), 0.0), wide, light);
                 1.25
             }
             Piece::Desk => {
-                let own = frame.at(v(0.0, if window.is_some() { -0.24 } else { 0.0 }, 0.0), 0.0);
+                let spot = frame.at(v(0.0, if window.is_some() { -0.24 } else { 0.0 }, 0.0), 0.0);
                 let (size, wood) = (v(wide, 0.65, 0.74), self.random.board(0.16));
-                self.table(&own.at(v(0.0, -0.33, 0.0), 0.0), "desk", size, wood);
-                self.workplace(&own.at(v(0.0, -0.33, 0.74), 0.0), wide, 0.65, light);
+                self.table(&spot.at(v(0.0, -0.33, 0.0), 0.0), "desk", size, wood);
+                self.workplace(&spot.at(v(0.0, -0.33, 0.74), 0.0), wide, 0.65, light);
                 let turn = self.random.within(150.0, 210.0);
                 let x = self.random.within(-0.15, 0.15);
-                self.office_chair(&own.at(v(x, -0.95, 0.0), turn));
+                self.office_chair(&spot.at(v(x, -0.95, 0.0), turn));
                 1.5
             }
             Piece::FloorLamp => {
@@ -198,27 +198,27 @@ impl Set {
         let count = (wide / 0.36).floor().max(1.0) as u32;
         let each = wide / f64::from(count);
         for k in 0..count {
-            let own = frame
+            let spot = frame
                 .at(v(each * (f64::from(k) + 0.5) - 0.5 * wide, 0.0, 0.0), self.random.within(-20.0, 20.0));
             match self.random.count(0, 6) {
-                0 => self.table_lamp(&own, light.evening),
+                0 => self.table_lamp(&spot, light.evening),
                 1 => {
                     let tall = self.random.within(0.2, 0.36);
-                    self.vase(&own, tall);
+                    self.vase(&spot, tall);
                 }
                 2 => {
                     let tall = self.random.within(0.25, 0.42);
-                    self.potted(&own, tall);
+                    self.potted(&spot, tall);
                 }
                 3 => {
                     let top = {
                         let n = self.random.count(2, 5);
-                        self.pile_of_books(&own, n, 0.25)
+                        self.pile_of_books(&spot, n, 0.25)
                     };
-                    self.mug(&own.at(v(0.0, 0.0, top), 0.0));
+                    self.mug(&spot.at(v(0.0, 0.0, top), 0.0));
                 }
-                4 => self.bowl(&own),
-                5 => self.books(&own.at(v(-0.14, 0.1, 0.0), 0.0), 0.28, 0.2, 0.27),
+                4 => self.bowl(&spot),
+                5 => self.books(&spot.at(v(-0.14, 0.1, 0.0), 0.0), 0.28, 0.2, 0.27),
                 _ => {}
             }
         }

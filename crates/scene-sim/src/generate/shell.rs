@@ -160,13 +160,13 @@ impl Set {
             for k in 0..count {
                 let x = size.x
                     * ((f64::from(k) + 0.5) / f64::from(count) - 0.5 + self.random.within(-0.06, 0.06));
-                let own = frame.at(v(x, -0.105, -HAIR), self.random.within(0.0, 360.0));
+                let spot = frame.at(v(x, -0.105, -HAIR), self.random.within(0.0, 360.0));
                 if self.random.chance(0.7) {
                     let tall = self.random.within(0.2, 0.34);
-                    self.potted(&own, tall);
+                    self.potted(&spot, tall);
                 } else {
                     let tall = self.random.within(0.14, 0.26);
-                    self.vase(&own, tall);
+                    self.vase(&spot, tall);
                 }
             }
         }

@@ -50,18 +50,18 @@ pub(crate) fn shelves(set: &mut Set) -> Plan {
         }
         if set.random.chance(0.16) {
             // A gap with a plant and a picture.
-            let own = back.at(v(x + 0.36, 0.0, 0.0), 0.0);
+            let spot = back.at(v(x + 0.36, 0.0, 0.0), 0.0);
             let plant = set.random.within(0.7, 1.2);
-            set.potted(&own.at(v(0.0, -0.36, 0.0), 0.0), plant);
+            set.potted(&spot.at(v(0.0, -0.36, 0.0), 0.0), plant);
             let picture = DVec2::new(0.42, set.random.within(0.4, 0.6));
-            set.picture(&own.at(v(0.0, 0.0, 1.65), 0.0), picture);
+            set.picture(&spot.at(v(0.0, 0.0, 1.65), 0.0), picture);
             x += 0.74;
             continue;
         }
         let wide = set.random.within(0.72, 1.25).min(half.x - x - 0.03);
-        let own = back.at(v(x + 0.5 * wide, -0.015, 0.0), 0.0);
-        set.bookcase(&own, v(wide, deep, tall));
-        let top = own.at(v(0.0, -0.5 * deep, tall), 0.0);
+        let spot = back.at(v(x + 0.5 * wide, -0.015, 0.0), 0.0);
+        set.bookcase(&spot, v(wide, deep, tall));
+        let top = spot.at(v(0.0, -0.5 * deep, tall), 0.0);
         if size.z - tall > 0.45 {
             match set.random.count(0, 3) {
                 0 => {

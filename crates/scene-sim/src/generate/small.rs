@@ -46,7 +46,7 @@ impl Set {
             let shrink = 1.0 - 0.08 * f64::from(index);
             let thick = self.random.within(0.015, 0.04);
             let extent = v(size * shrink * self.random.within(0.85, 1.0), 0.72 * size * shrink, thick);
-            let own = frame.at(v(0.0, 0.0, z), self.random.within(-14.0, 14.0));
+            let spot = frame.at(v(0.0, 0.0, z), self.random.within(-14.0, 14.0));
             let cover = if self.random.chance(0.5) {
                 self.random.printed(0.012)
             } else {
@@ -54,11 +54,11 @@ impl Set {
             };
             // Pages between two covers, a little smaller than they.
             let board = 0.003;
-            self.block(&own, "cover of a book", v(extent.x, extent.y, board), DVec3::ZERO, cover);
+            self.block(&spot, "cover of a book", v(extent.x, extent.y, board), DVec3::ZERO, cover);
             let pages = v(extent.x - 0.008, extent.y - 0.008, thick - 2.0 * board);
-            self.block(&own, "pages of a book", pages, v(0.0, 0.0, board), plain([0.92, 0.89, 0.80]));
+            self.block(&spot, "pages of a book", pages, v(0.0, 0.0, board), plain([0.92, 0.89, 0.80]));
             self.block(
-                &own,
+                &spot,
                 "cover of a book",
                 v(extent.x, extent.y, board),
                 v(0.0, 0.0, thick - board),
@@ -84,16 +84,16 @@ impl Set {
             (0.001, 0.01),
         ];
         let turn = self.random.within(0.0, 360.0);
-        let own = frame.at(DVec3::ZERO, turn);
-        self.mesh(&own, "mug", Form::lathe(&profile, 28), DVec3::ZERO, DVec3::ZERO, glaze);
+        let spot = frame.at(DVec3::ZERO, turn);
+        self.mesh(&spot, "mug", Form::lathe(&profile, 28), DVec3::ZERO, DVec3::ZERO, glaze);
         let handle: Vec<DVec3> = (0..9)
             .map(|k| {
                 let (sine, cosine) = (PI * (f64::from(k) / 8.0 - 0.5)).sin_cos();
                 v(radius - 0.002 + 0.026 * cosine, 0.0, 0.5 * tall + 0.3 * tall * sine)
             })
             .collect();
-        self.mesh(&own, "handle of the mug", Form::tube(&handle, 0.005, 8), DVec3::ZERO, DVec3::ZERO, glaze);
-        self.put_disc(&own, "coffee", inside - 0.0005, 0.75 * tall, plain([0.20, 0.11, 0.06]));
+        self.mesh(&spot, "handle of the mug", Form::tube(&handle, 0.005, 8), DVec3::ZERO, DVec3::ZERO, glaze);
+        self.put_disc(&spot, "coffee", inside - 0.0005, 0.75 * tall, plain([0.20, 0.11, 0.06]));
     }
 
     fn put_disc(&mut self, frame: &Frame, name: &str, radius: f64, z: f64, pattern: Pattern) {
@@ -204,10 +204,10 @@ impl Set {
     /// Sheets of paper, the upper ones turned.
     pub(crate) fn papers(&mut self, frame: &Frame, count: u32) {
         for index in 0..count {
-            let own = frame.at(v(0.0, 0.0, f64::from(index) * 0.0012), self.random.within(-18.0, 18.0));
+            let spot = frame.at(v(0.0, 0.0, f64::from(index) * 0.0012), self.random.within(-18.0, 18.0));
             let page = self.random.printed(0.0085);
             // Thick enough to be a body: a few sheets.
-            self.block(&own, "paper", v(0.21, 0.297, 0.001), v(0.0, 0.0, HAIR * 0.2), page);
+            self.block(&spot, "paper", v(0.21, 0.297, 0.001), v(0.0, 0.0, HAIR * 0.2), page);
         }
     }
 

@@ -110,10 +110,10 @@ impl Thing {
         if (self.low - other.high).max(other.low - self.high).max_element() > gap {
             return false;
         }
-        let own = [self.axes.x_axis, self.axes.y_axis, self.axes.z_axis];
+        let axes = [self.axes.x_axis, self.axes.y_axis, self.axes.z_axis];
         let others = [other.axes.x_axis, other.axes.y_axis, other.axes.z_axis];
-        let edges = own.iter().flat_map(|a| others.iter().map(|b| a.cross(*b)));
-        own.iter().copied().chain(others).chain(edges).filter(|axis| axis.length() > 1e-6).all(|axis| {
+        let edges = axes.iter().flat_map(|a| others.iter().map(|b| a.cross(*b)));
+        axes.iter().copied().chain(others).chain(edges).filter(|axis| axis.length() > 1e-6).all(|axis| {
             let axis = axis.normalize();
             let extent = |thing: &Self| (thing.axes.transpose() * axis).abs().dot(thing.half);
             axis.dot(apart).abs() <= extent(self) + extent(other) + gap
@@ -358,8 +358,9 @@ fn in_the_wild_the_scene_is_the_same_and_its_pictures_are_not() {
 
 #[test]
 fn in_the_wild_all_kinds_come_up_and_woods_nowhere_else() {
-    let share =
-        |of: fn(u64) -> Kind, kind| (0..1000).filter(|&seed| of(seed) == kind).count() as f64 / 1000.0;
+    let share = |sampler: fn(u64) -> Kind, kind| {
+        (0..1000).filter(|&seed| sampler(seed) == kind).count() as f64 / 1000.0
+    };
     for (kind, wild) in Kind::ALL.into_iter().zip([0.1, 0.1, 0.1, 0.2, 0.2, 0.3]) {
         assert!((share(Kind::of_seed_in_the_wild, kind) - wild).abs() < 0.05, "{kind:?}");
         let tame = if kind == Kind::Wood { 0.0 } else { 0.2 };

@@ -53,31 +53,31 @@ impl Set {
         for k in 0..count {
             let angle = std::f64::consts::TAU * f64::from(k) / f64::from(count);
             let place = middle + DVec2::from_angle(angle) * (radius * self.random.within(0.2, 0.8));
-            let own = Frame::new(place.extend(0.0), self.random_turn());
+            let spot = Frame::new(place.extend(0.0), self.random_turn());
             // One bed at most: two that overlap would share a plane.
             if k == 0 {
                 let size = DVec2::new(self.random.within(1.0, 2.2), self.random.within(0.8, 1.6));
-                self.flower_bed(&own, size);
+                self.flower_bed(&spot, size);
                 continue;
             }
             match self.random.count(0, 3) {
-                0 => self.bench(&own, 1.6),
+                0 => self.bench(&spot, 1.6),
                 1 => {
                     let size = v(self.random.within(1.0, 2.0), self.random.within(1.0, 1.8), 1.2);
-                    self.bush(&own, size);
+                    self.bush(&spot, size);
                 }
                 2 => {
                     let stone = noise([0.34, 0.33, 0.31], [0.68, 0.66, 0.62], 0.3, 7);
                     let radius = self.random.within(0.3, 0.8);
                     let turn = v(self.random.within(0.0, 90.0), 0.0, 0.0);
                     let centre = v(0.0, 0.0, 0.6 * radius);
-                    self.put(&own, "boulder", Shape::Sphere { radius }, centre, turn, stone);
+                    self.put(&spot, "boulder", Shape::Sphere { radius }, centre, turn, stone);
                 }
                 _ => {
                     let bark = noise([0.22, 0.17, 0.12], [0.48, 0.41, 0.33], 0.1, 5);
                     let (radius, long) = (self.random.within(0.12, 0.3), self.random.within(1.5, 3.5));
                     let ends = [v(-0.5 * long, 0.0, 0.9 * radius), v(0.5 * long, 0.0, 0.9 * radius)];
-                    self.rod(&own, "log", radius, ends, bark);
+                    self.rod(&spot, "log", radius, ends, bark);
                 }
             }
         }
@@ -105,8 +105,8 @@ pub(crate) fn wood(set: &mut Set) -> Plan {
     }
     for k in 0..set.random.count(0, 3) {
         let along = 0.5 * HALF * (f64::from(k) - 1.0) + set.random_shift(3.0);
-        let own = track.at(v(along, 0.0, 0.02), 0.0);
-        set.car(&own);
+        let spot = track.at(v(along, 0.0, 0.02), 0.0);
+        set.car(&spot);
     }
     let height = set.random.within(5.0, 8.0);
     // From crowns that stand alone to ones that reach into each other.
@@ -123,8 +123,8 @@ pub(crate) fn wood(set: &mut Set) -> Plan {
         }
         trees += 1;
         taken.push((middle, reach));
-        let own = Frame::new(middle.extend(0.0), set.random_turn());
-        set.tree(&own, "tree", tall, TUFTS);
+        let spot = Frame::new(middle.extend(0.0), set.random_turn());
+        set.tree(&spot, "tree", tall, TUFTS);
     }
     let (sky, sun) = daylight(&mut set.random, v(0.0, -1.0, 0.0));
     Plan {

@@ -45,8 +45,8 @@ pub(super) fn read_obj(reader: &mut impl BufRead, unused: &mut Unused) -> Result
     if obj.with_coordinates > 0 && obj.without_coordinates > 0 {
         unused.coordinates += obj.without_coordinates;
     } else if obj.with_coordinates > 0 {
-        let of = |taken: &Option<u32>| taken.map_or(DVec2::ZERO, |index| coordinates[index as usize]);
-        triangles.coordinates = taken.iter().map(of).collect();
+        let coordinate = |taken: &Option<u32>| taken.map_or(DVec2::ZERO, |index| coordinates[index as usize]);
+        triangles.coordinates = taken.iter().map(coordinate).collect();
     }
     let (found, vertices) = (triangles.colours.len() as u64, triangles.vertices.len() as u64);
     if found != 0 && found != vertices {

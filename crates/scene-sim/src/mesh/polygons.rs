@@ -135,8 +135,10 @@ mod tests {
 
     /// Signed area in the plane.
     fn area(points: &[[f64; 2]], corners: &[u32]) -> f64 {
-        let at = |k: usize| points[corners[k % corners.len()] as usize];
-        (0..corners.len()).map(|k| 0.5 * (at(k)[0] * at(k + 1)[1] - at(k)[1] * at(k + 1)[0])).sum()
+        let corner = |k: usize| points[corners[k % corners.len()] as usize];
+        (0..corners.len())
+            .map(|k| 0.5 * (corner(k)[0] * corner(k + 1)[1] - corner(k)[1] * corner(k + 1)[0]))
+            .sum()
     }
 
     #[test]

@@ -67,8 +67,8 @@ impl Draws {
 /// Multi-Jittered Sampling", 2013).
 fn jittered(index: u32, [columns, rows]: [u32; 2], bits: u32) -> DVec2 {
     let (column, row) = (index % columns, index / columns);
-    let own = hash(index, 1, 0x62, bits);
-    let jitter = DVec2::new(unit(own), unit(hash(own, 2, 0x62, bits)));
+    let seed = hash(index, 1, 0x62, bits);
+    let jitter = DVec2::new(unit(seed), unit(hash(seed, 2, 0x62, bits)));
     let within = DVec2::new(
         f64::from(permuted(row, rows, hash(bits, 3, 0x62, 0))) + jitter.x,
         f64::from(permuted(column, columns, hash(bits, 4, 0x62, 0))) + jitter.y,

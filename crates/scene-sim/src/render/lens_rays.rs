@@ -114,10 +114,10 @@ impl Bent {
     /// The direction of a place `within` a pixel, and its differences per pixel. Between the corners of a pixel it is
     /// bilinear, which is off by less than a thousandth of a pixel.
     fn direction(&self, [x, y]: [usize; 2], width: usize, within: DVec2) -> (DVec2, [DVec2; 2]) {
-        let at = |dx, dy| self.corners[(y + dy) * (width + 1) + x + dx];
-        let top = at(0, 0).lerp(at(1, 0), within.x);
-        let bottom = at(0, 1).lerp(at(1, 1), within.x);
-        (top.lerp(bottom, within.y), [at(1, 0) - at(0, 0), at(0, 1) - at(0, 0)])
+        let corner = |dx, dy| self.corners[(y + dy) * (width + 1) + x + dx];
+        let top = corner(0, 0).lerp(corner(1, 0), within.x);
+        let bottom = corner(0, 1).lerp(corner(1, 1), within.x);
+        (top.lerp(bottom, within.y), [corner(1, 0) - corner(0, 0), corner(0, 1) - corner(0, 0)])
     }
 }
 

@@ -86,13 +86,14 @@ impl Layer {
         if unit(bits) >= presence {
             return None;
         }
-        let own = hash(bits, 3, 22, self.seed);
+        let leaf_seed = hash(bits, 3, 22, self.seed);
         // A direction by the half-angle formula: no sine is needed.
-        let t = 2.0 * unit(own) - 1.0;
+        let t = 2.0 * unit(leaf_seed) - 1.0;
         let side = if bits & 1 == 0 { 1.0 } else { -1.0 };
         let along = DVec2::new(1.0 - t * t, 2.0 * t) * (side / (1.0 + t * t));
         let room = 0.5 * (CELL - 1.0);
-        let jitter = DVec2::new(unit(hash(own, 1, 22, 0)), unit(hash(own, 2, 22, 0))) * 2.0 - DVec2::ONE;
+        let jitter =
+            DVec2::new(unit(hash(leaf_seed, 1, 22, 0)), unit(hash(leaf_seed, 2, 22, 0))) * 2.0 - DVec2::ONE;
         let q = (p - p.floor() - DVec2::splat(0.5)) * CELL - jitter * room;
         // Along the leaf from stem to tip, -1/2 to 1/2, and across it.
         let (x, y) = (q.dot(along), q.perp_dot(along));
@@ -100,7 +101,7 @@ impl Layer {
         if y.abs() >= half_width {
             return None;
         }
-        let own_tone = 0.3 + 0.5 * unit(hash(own, 4, 22, 0));
+        let own_tone = 0.3 + 0.5 * unit(hash(leaf_seed, 4, 22, 0));
         let rib = y.abs() < 0.025 * (0.6 - x);
         let bent = if y > 0.0 { 0.07 } else { -0.07 };
         Some((own_tone + bent + if rib { 0.2 } else { 0.0 }).clamp(0.0, 1.0))

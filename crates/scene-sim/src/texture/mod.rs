@@ -194,10 +194,10 @@ fn wood(p: DVec3, light: Rgb, dark: Rgb, plank: f64, width: f64, seed: u32) -> V
     if !(0.015..=0.985).contains(&in_plank) {
         return Vec3::from(dark) * 0.35;
     }
-    let own = hash(index, 0, 2, seed);
-    let q = DVec3::new(p.x * 0.7, p.y * 6.0, p.z * 6.0) / plank + DVec3::X * (unit(own) * 100.0);
-    let bend = value(q * DVec3::new(0.5, 0.25, 0.25), own);
-    let fine = octaves(q * DVec3::new(2.0, 4.0, 4.0), 2, width * 24.0 / plank, own);
+    let plank_seed = hash(index, 0, 2, seed);
+    let q = DVec3::new(p.x * 0.7, p.y * 6.0, p.z * 6.0) / plank + DVec3::X * (unit(plank_seed) * 100.0);
+    let bend = value(q * DVec3::new(0.5, 0.25, 0.25), plank_seed);
+    let fine = octaves(q * DVec3::new(2.0, 4.0, 4.0), 2, width * 24.0 / plank, plank_seed);
     let rings = 0.5 - 0.5 * (std::f64::consts::TAU * (in_plank * 2.0 + 5.0 * bend)).cos();
     let tone = 0.9 + 0.2 * unit(hash(index, 1, 2, seed));
     mix(light, dark, (0.65 * rings * rings + 0.6 * (fine - 0.5) + 0.1).clamp(0.0, 1.0)) * tone as f32

@@ -162,17 +162,18 @@ impl PlacedMesh {
         // A triangle whose corners are in line has no side; any across its length will do.
         let normal =
             area.try_normalize().unwrap_or_else(|| (b - a).any_orthogonal_vector().normalize_or(DVec3::Z));
-        let own = face.map(|index| (index - self.first) as usize);
+        let indices = face.map(|index| (index - self.first) as usize);
         let colour = if self.colours.is_empty() {
             Vec3::ONE
         } else {
-            let parts = own.iter().zip(weights).map(|(&index, weight)| self.colours[index] * weight as f32);
+            let parts =
+                indices.iter().zip(weights).map(|(&index, weight)| self.colours[index] * weight as f32);
             parts.sum()
         };
         let patch = if self.coordinates.is_empty() {
             self.projected(position, normal)
         } else {
-            self.mapped(own, [a, b, c], area)
+            self.mapped(indices, [a, b, c], area)
         };
         (SurfacePoint { position, normal, face: Face::Triangle, colour }, Canvas::Patch(patch))
     }
@@ -200,9 +201,9 @@ impl PlacedMesh {
     }
 
     /// The mesh's own texture coordinates; one unit of them is a metre.
-    fn mapped(&self, own: [usize; 3], [a, b, c]: [DVec3; 3], area: DVec3) -> Patch {
+    fn mapped(&self, indices: [usize; 3], [a, b, c]: [DVec3; 3], area: DVec3) -> Patch {
         let (low, extent) = self.coordinate_bounds;
-        let [at_a, at_b, at_c] = own.map(|index| self.coordinates[index] - low);
+        let [at_a, at_b, at_c] = indices.map(|index| self.coordinates[index] - low);
         let square = area.length_squared().max(f64::MIN_POSITIVE);
         let across = [(c - a).cross(area) / square, area.cross(b - a) / square];
         let gradient = |k: usize| across[0] * (at_b - at_a)[k] + across[1] * (at_c - at_a)[k];

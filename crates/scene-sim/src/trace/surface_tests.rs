@@ -38,17 +38,17 @@ fn colours_and_coordinates_are_linear_between_the_vertices() {
     // Turned by 90 degrees about z: x becomes y, y becomes -x.
     let world = |v: DVec3| DVec3::new(1.0 - 2.0 * v.y, 2.0 * v.x, 2.0 * v.z);
     for shares in [[0.2, 0.3, 0.5], [0.9, 0.05, 0.05], [0.4, 0.6, 0.0]] {
-        let own = vertices.iter().zip(shares).map(|(v, s)| *v * s).sum::<DVec3>();
-        let ray = PathRay { origin: traced.relative(world(own) + DVec3::Z * 5.0), direction: -DVec3::Z };
+        let point = vertices.iter().zip(shares).map(|(v, s)| *v * s).sum::<DVec3>();
+        let ray = PathRay { origin: traced.relative(world(point) + DVec3::Z * 5.0), direction: -DVec3::Z };
         let hit = traced.nearest(&ray).expect("the ray aims at the triangle");
         assert!((hit.t - 5.0).abs() < 1e-9);
         let Met::Surface(surface) = traced.met(&ray, hit) else { panic!("no lamp here") };
         let colour = surface.point.colour.to_array();
         assert!(colour.iter().zip(shares).all(|(c, s)| (f64::from(*c) - s).abs() < 1e-6), "{colour:?}");
-        assert!((surface.point.position - 2.0 * own).length() < 1e-9, "in the mesh's axes, metres");
+        assert!((surface.point.position - 2.0 * point).length() < 1e-9, "in the mesh's axes, metres");
         // The triangle looks along -y most, as the side of a box that is seen from there: x to the right, z up.
         let (uv, extent) = surface.canvas.texture_coordinates(surface.point.face, surface.point.position);
-        assert!((uv - glam::DVec2::new(2.0 * (own.x + 1.0), 2.0 * own.z)).length() < 1e-9, "{uv}");
+        assert!((uv - glam::DVec2::new(2.0 * (point.x + 1.0), 2.0 * point.z)).length() < 1e-9, "{uv}");
         assert!((extent - glam::DVec2::new(8.0, 6.0)).length() < 1e-9);
     }
 }

@@ -146,12 +146,12 @@ impl Measure<'_> {
         if found.dropped.is_empty() {
             output::write_json(file, &scores)?;
         }
-        let of = match head {
+        let head_name = match head {
             Head::ClosedForm => "closed form",
             _ => "trained head",
         };
         dropped.extend(found.dropped.into_iter().map(|lost| {
-            let name = format!("{} of {row}, {of}", lost.name);
+            let name = format!("{} of {row}, {head_name}", lost.name);
             Dropped { name, ..lost }
         }));
         Ok(scores)

@@ -133,14 +133,14 @@ impl Scene {
 
 /// A wavy wall with a nearer block before it.
 fn depth(view: usize, width: usize, height: usize) -> Vec<f32> {
-    let at = |i: usize| {
+    let value = |i: usize| {
         let (x, y) = (i % width, i / width);
         let block = (width / 3..width * 2 / 3).contains(&x) && (height / 3..height * 4 / 5).contains(&y);
         let wave = (x as f32 * 0.05 + view as f32).sin() * (y as f32 * 0.07).cos();
         let distance = if block { 2.0 } else { 5.0 };
         distance + 0.1 * wave
     };
-    (0..width * height).map(at).collect()
+    (0..width * height).map(value).collect()
 }
 
 /// So many of a view's pixels, ascending, in no pattern.

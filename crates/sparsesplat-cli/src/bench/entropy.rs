@@ -134,7 +134,7 @@ fn by_definition(grey: &[u8], width: usize, height: usize, window: EntropyWindow
         Border::Reflect => Some(mirrored(i, n)),
     };
     let radius = (window.size / 2) as isize;
-    let at = |x: usize, y: usize| {
+    let entropy = |x: usize, y: usize| {
         let mut histogram = [0u32; 256];
         for row in (-radius..=radius).filter_map(|dy| inside(y as isize + dy, height)) {
             for column in (-radius..=radius).filter_map(|dx| inside(x as isize + dx, width)) {
@@ -149,7 +149,7 @@ fn by_definition(grey: &[u8], width: usize, height: usize, window: EntropyWindow
     let mut bits = vec![0.0; grey.len()];
     bits.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
         for (x, bits) in row.iter_mut().enumerate() {
-            *bits = at(x, y);
+            *bits = entropy(x, y);
         }
     });
     bits

@@ -134,10 +134,10 @@ fn child(isa: Isa) -> Outcome<Seconds> {
 /// Rules that do not hold.
 fn broken(sets: &[Isa], found: &[Seconds]) -> Vec<String> {
     let mut problems = Vec::new();
-    let of = |set: Isa| sets.iter().position(|&isa| isa == set).map(|place| &found[place]);
+    let timing = |set: Isa| sets.iter().position(|&isa| isa == set).map(|place| &found[place]);
     for (isa, seconds) in sets.iter().zip(found).filter(|(isa, _)| **isa > Isa::Scalar) {
         for (path, taken) in seconds.iter().filter(|(path, _)| *path != GEMM) {
-            let times = of(Isa::Scalar).map_or(f64::INFINITY, |scalar| scalar[path] / taken);
+            let times = timing(Isa::Scalar).map_or(f64::INFINITY, |scalar| scalar[path] / taken);
             if times < LEAST_SPEEDUP {
                 problems.push(format!(
                     "{path}: {isa} is {times:.2} times as fast as scalar, {LEAST_SPEEDUP} expected"
@@ -151,7 +151,7 @@ fn broken(sets: &[Isa], found: &[Seconds]) -> Vec<String> {
             ));
         }
     }
-    if let (Some(narrow), Some(wide)) = (of(Isa::Avx2), of(Isa::Avx512)) {
+    if let (Some(narrow), Some(wide)) = (timing(Isa::Avx2), timing(Isa::Avx512)) {
         for (path, taken) in wide.iter().filter(|(path, _)| *path != GEMM) {
             let times = taken / narrow[path];
             if times > SLACK {

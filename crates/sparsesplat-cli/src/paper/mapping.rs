@@ -238,8 +238,8 @@ impl Stream {
 impl Ours {
     fn mean(all: &[(Stream, Measured)]) -> Option<Self> {
         let (stream, first) = all.first()?;
-        let over = |of: &dyn Fn(&Stream) -> f64| {
-            all.iter().map(|(stream, _)| of(stream)).sum::<f64>() / all.len() as f64
+        let over = |value: &dyn Fn(&Stream) -> f64| {
+            all.iter().map(|(stream, _)| value(stream)).sum::<f64>() / all.len() as f64
         };
         let machine = stream.machine();
         let is_one_machine = all.iter().all(|(stream, _)| stream.machine() == machine);
@@ -260,10 +260,11 @@ impl Ours {
 /// The mean over streams that have such frames.
 fn mean<'a>(all: impl Iterator<Item = &'a Means>) -> Option<Means> {
     let all: Vec<&Means> = all.filter(|means| means.frames > 0).collect();
-    let over = |of: fn(&Means) -> f64| all.iter().map(|means| of(means)).sum::<f64>() / all.len() as f64;
+    let over =
+        |value: fn(&Means) -> f64| all.iter().map(|means| value(means)).sum::<f64>() / all.len() as f64;
     // Where one stream has none, there is no mean.
-    let if_all = |of: fn(&Means) -> Option<f64>| {
-        let values: Option<Vec<f64>> = all.iter().map(|means| of(means)).collect();
+    let if_all = |value: fn(&Means) -> Option<f64>| {
+        let values: Option<Vec<f64>> = all.iter().map(|means| value(means)).collect();
         values.map(|values| values.iter().sum::<f64>() / values.len() as f64)
     };
     (!all.is_empty()).then(|| Means {
@@ -281,13 +282,13 @@ mod tests {
 
     #[test]
     fn a_mean_is_of_the_streams_that_have_such_frames() {
-        let of = |frames, psnr, lpips| Means { frames, psnr, ssim: psnr / 100.0, lpips, depth_l1: None };
-        let all = [of(3, 20.0, Some(0.2)), of(0, 0.0, None), of(5, 30.0, Some(0.4))];
+        let means = |frames, psnr, lpips| Means { frames, psnr, ssim: psnr / 100.0, lpips, depth_l1: None };
+        let all = [means(3, 20.0, Some(0.2)), means(0, 0.0, None), means(5, 30.0, Some(0.4))];
         let found = mean(all.iter()).unwrap();
         assert_eq!((found.frames, found.psnr, found.ssim), (8, 25.0, 0.25));
         assert!((found.lpips.unwrap() - 0.3).abs() < 1e-12 && found.depth_l1.is_none());
-        let found = mean([of(3, 20.0, Some(0.2)), of(1, 10.0, None)].iter()).unwrap();
+        let found = mean([means(3, 20.0, Some(0.2)), means(1, 10.0, None)].iter()).unwrap();
         assert_eq!((found.psnr, found.lpips), (15.0, None));
-        assert!(mean([of(0, 0.0, None)].iter()).is_none());
+        assert!(mean([means(0, 0.0, None)].iter()).is_none());
     }
 }

@@ -62,14 +62,15 @@ pub(super) fn psnr(map: &Gaussians, view: &View, rasterizer: &mut Rasterizer) ->
 
 /// Median and worst latency of keyframes and of the other frames.
 pub(super) fn latency(rows: &[Row]) -> Latency {
-    let of = |keyframes: bool| {
+    let latencies = |keyframes: bool| {
         let chosen = rows.iter().filter(|row| row.is_keyframe == keyframes && !row.is_waiting);
         let mut seconds: Vec<f64> = chosen.map(|row| row.seconds).collect();
         seconds.sort_by(f64::total_cmp);
-        let at = |i: usize| seconds.get(i).copied().unwrap_or(0.0);
-        (at(seconds.len() / 2), at(seconds.len().saturating_sub(1)))
+        let value = |i: usize| seconds.get(i).copied().unwrap_or(0.0);
+        (value(seconds.len() / 2), value(seconds.len().saturating_sub(1)))
     };
-    let ((keyframe_median, keyframe_worst), (other_median, other_worst)) = (of(true), of(false));
+    let ((keyframe_median, keyframe_worst), (other_median, other_worst)) =
+        (latencies(true), latencies(false));
     Latency { keyframe_median, keyframe_worst, other_median, other_worst }
 }
 
@@ -188,7 +189,7 @@ pub(super) fn measure(
         }
     }
     let [[mapped, between], [batch_mapped, batch_between]] =
-        sums.map(|of| of.map(|sums| sums.means(asked.lpips.is_some())));
+        sums.map(|pair| pair.map(|sums| sums.means(asked.lpips.is_some())));
     let batch = batch.map(|(gaussians, head, seconds)| Batch {
         head,
         gaussians: gaussians.len(),

@@ -93,15 +93,15 @@ fn in_mean(base: &Gaussians, spacing: &[f32], views: &[u32], cameras: &[Camera])
         let area = f64::from(spacing[i]).powi(2) / seen(i).length_squared();
         if area.is_finite() { area } else { 0.0 }
     };
-    let own: Vec<f64> = (0..views.len()).into_par_iter().map(area).collect();
+    let anchor_areas: Vec<f64> = (0..views.len()).into_par_iter().map(area).collect();
     let mut areas = vec![0.0; cameras.len()];
-    views.iter().zip(&own).for_each(|(&view, area)| areas[view as usize] += area);
-    let of = |i: usize| {
-        let share = own[i] / areas[views[i] as usize];
+    views.iter().zip(&anchor_areas).for_each(|(&view, area)| areas[view as usize] += area);
+    let weights = |i: usize| {
+        let share = anchor_areas[i] / areas[views[i] as usize];
         let basis = basis(seen(i).normalize_or_zero());
         basis.map(|value| if share > 0.0 { (share * value / basis[0]) as f32 } else { 0.0 })
     };
-    (0..views.len()).into_par_iter().map(of).collect()
+    (0..views.len()).into_par_iter().map(weights).collect()
 }
 
 impl Decoder {
@@ -387,16 +387,16 @@ mod tests {
         let outputs: Vec<f32> = (0..N * OUTPUTS).map(|i| (i as f32 * 0.7).sin()).collect();
         let decoded = decoder.decode(&outputs);
         let mean_change = |view: u32, c: usize| -> f32 {
-            let of = |i: usize| {
-                let (own, weights) = (&decoded.sh()[i * SH..][..SH], decoder.in_mean[i]);
+            let change = |i: usize| {
+                let (sh, weights) = (&decoded.sh()[i * SH..][..SH], decoder.in_mean[i]);
                 let mut camera = [[0.0; 3]; TERMS];
-                camera[0][c] = own[c] - decoder.base.sh()[3 * i + c];
-                let world: Vec<[f32; 3]> = own.as_chunks().0.to_vec();
+                camera[0][c] = sh[c] - decoder.base.sh()[3 * i + c];
+                let world: Vec<[f32; 3]> = sh.as_chunks().0.to_vec();
                 // A rotation's transposed map is its inverse.
                 decoder.rotate_sh[view as usize].backward(&world[1..], &mut camera[1..]);
                 weights.iter().zip(camera).map(|(weight, rgb)| weight * rgb[c]).sum::<f32>()
             };
-            (0..N).filter(|&i| decoder.views[i] == view).map(of).sum()
+            (0..N).filter(|&i| decoder.views[i] == view).map(change).sum()
         };
         for (view, c) in [(0, 0), (0, 2), (1, 0), (1, 1), (1, 2)] {
             assert!(mean_change(view, c).abs() < 1e-5, "view {view}, channel {c}");
@@ -426,7 +426,7 @@ mod tests {
         fn derivatives_are_those_of_differences(
             outputs in prop::collection::vec(-2.0f32..2.0, N * OUTPUTS),
             weights in prop::collection::vec(-1.0f32..1.0, N * 38),
-            turn in -3.0f64..3.0, at in 0usize..N * OUTPUTS, nothing: bool,
+            turn in -3.0f64..3.0, index in 0usize..N * OUTPUTS, nothing: bool,
         ) {
             let decoder = if nothing { grey_balls(turn) } else { decoder([0.8, 0.0, -0.6, 0.0], turn) };
             let loss = |outputs: &[f32]| -> f64 {
@@ -434,15 +434,15 @@ mod tests {
                 let values = decoded.geometry().iter().chain(decoded.sh());
                 values.zip(&weights).map(|(v, w)| f64::from(*v) * f64::from(*w)).sum()
             };
-            let found = decoder.backward(&outputs, &weights[..N * 11], &weights[N * 11..])[at];
+            let found = decoder.backward(&outputs, &weights[..N * 11], &weights[N * 11..])[index];
             let moved = |by: f32| {
                 let mut moved = outputs.clone();
-                moved[at] += by;
+                moved[index] += by;
                 loss(&moved)
             };
             // Values of order 1 to 10 in f32: differences are good to some 1e-5, a step of 2^-6 keeps 1e-3.
             let slope = (moved(0.015_625) - moved(-0.015_625)) / 0.031_25;
-            prop_assert!((slope - f64::from(found)).abs() < 3e-3, "{at}: {slope} {found}");
+            prop_assert!((slope - f64::from(found)).abs() < 3e-3, "{index}: {slope} {found}");
         }
     }
 }

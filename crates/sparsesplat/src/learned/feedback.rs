@@ -67,10 +67,10 @@ pub(super) fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
             rasterizer.backward_with_shares(&scene, &tape, &[pixels], &[squares]).map_err(failed)?;
         let rows = gradients.geometry.chunks_exact(Gaussians::GEOMETRY);
         let rows = rows.zip(gradients.sh.chunks_exact(3)).zip(&shares);
-        for (((geometry, colour), [weight, squared_error]), (sums, &own)) in
+        for (((geometry, colour), [weight, squared_error]), (sums, &home)) in
             rows.zip(sums.iter_mut().zip(&anchored.anchors.views))
         {
-            let sums = &mut sums[usize::from(own as usize != index)];
+            let sums = &mut sums[usize::from(home as usize != index)];
             sums.weight += weight;
             sums.squared_error += squared_error;
             sums.error += Vec3::from_slice(colour) / SH_C0;
@@ -242,7 +242,7 @@ mod tests {
         assert_eq!(with.geometry.len(), with.n * geometry_features(true));
         let rows =
             without.geometry.chunks_exact(geometry_features(false)).zip(feedback.chunks_exact(FEEDBACK));
-        let expected: Vec<f32> = rows.flat_map(|(own, told)| [own, told].concat()).collect();
+        let expected: Vec<f32> = rows.flat_map(|(features, told)| [features, told].concat()).collect();
         assert_eq!(with.geometry, expected);
         let rest = |inputs| HeadInputs { geometry: Vec::new(), ..inputs };
         assert_eq!(rest(with), rest(without));
@@ -303,7 +303,7 @@ mod tests {
         let mut honest = anchored(&COURTYARD);
         photograph_itself(&mut honest, [0.0; 3]);
         let visible =
-            parts(&feedback(&honest).unwrap()).step_by(2).map(|own| own[0] > -0.7).collect::<Vec<_>>();
+            parts(&feedback(&honest).unwrap()).step_by(2).map(|part| part[0] > -0.7).collect::<Vec<_>>();
         let mut looked_at = 0;
         for anchor in (0..honest.base.len()).step_by(29).filter(|&anchor| visible[anchor]) {
             let camera = *honest.views[honest.anchors.views[anchor] as usize].camera();

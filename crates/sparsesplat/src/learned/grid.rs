@@ -40,7 +40,7 @@ fn of_edge(positions: &[[f64; 3]], widths: &[f64], edge: f64) -> Vec<u32> {
         ((level as i64, place.floor().to_array().map(|place| place as i64)), i as u32)
     };
     let mut keyed: Vec<_> =
-        positions.par_iter().zip(widths.par_iter()).enumerate().map(|(i, of)| key((i, of))).collect();
+        positions.par_iter().zip(widths.par_iter()).enumerate().map(|(i, pair)| key((i, pair))).collect();
     keyed.par_sort_unstable();
     let mut cells = vec![0; positions.len()];
     for cell in keyed.chunk_by(|(a, _), (b, _)| a == b) {

@@ -105,9 +105,9 @@ impl HeadInputs {
                 let rows = geometric.chunks_exact_mut(width);
                 let rows = rows.zip(image.chunks_exact_mut(image_features(channels)));
                 for ((row, image), i) in rows.zip(chunk * CHUNK..) {
-                    let (own, of_rendering) = row.split_at_mut(OWN);
+                    let (own_features, of_rendering) = row.split_at_mut(OWN);
                     of_rendering.copy_from_slice(&feedback[i * of_rendering.len()..][..of_rendering.len()]);
-                    own.copy_from_slice(&geometric_features(
+                    own_features.copy_from_slice(&geometric_features(
                         anchored,
                         i,
                         &neighbours[i * k..][..k],

@@ -20,16 +20,16 @@ pub(super) struct Support {
     pub(super) colour: f32,
 }
 
-/// Support of a point of view `own` with colour `rgb`. Pixels of the other views without a confirmed depth say nothing.
+/// Support of a point of view `home` with colour `rgb`. Pixels of the other views without a confirmed depth say nothing.
 pub(super) fn support(
     point: DVec3,
     rgb: [f32; 3],
-    own: usize,
+    home: usize,
     views: &[View],
     geometry: &[ViewGeometry],
 ) -> Support {
     let mut support = Support::default();
-    for (view, geometry) in views.iter().zip(geometry).enumerate().filter(|(i, _)| *i != own).map(|(_, v)| v)
+    for (view, geometry) in views.iter().zip(geometry).enumerate().filter(|(i, _)| *i != home).map(|(_, v)| v)
     {
         let camera = view.camera();
         let Some(pixel) = camera.project(point).filter(|&pixel| camera.contains(pixel)) else { continue };

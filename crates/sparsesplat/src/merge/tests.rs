@@ -134,18 +134,21 @@ fn two_in_one_place_let_as_much_light_pass_as_both() {
 
 #[test]
 fn the_same_colour_is_merged_before_the_nearer_one() {
-    let at = |x: f32, grey: f32| -> Row { ([x, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [-3.0; 3], 0.6, [grey; 3]) };
-    let merged = merge(set(&[at(0.0, 1.0), at(0.1, -1.0), at(0.22, -1.0)]), &[0.1; 3], 2).unwrap();
+    let gaussian =
+        |x: f32, grey: f32| -> Row { ([x, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [-3.0; 3], 0.6, [grey; 3]) };
+    let merged =
+        merge(set(&[gaussian(0.0, 1.0), gaussian(0.1, -1.0), gaussian(0.22, -1.0)]), &[0.1; 3], 2).unwrap();
     assert_eq!(merged.absorbed, [2]);
     assert_eq!(merged.gaussians.sh(), [1.0, 1.0, 1.0, -1.0, -1.0, -1.0]);
 }
 
 #[test]
 fn what_cannot_be_seen_goes_first_and_no_more_than_there_are_too_many() {
-    let of = |i: usize, opacity: f32| -> Row {
+    let gaussian = |i: usize, opacity: f32| -> Row {
         ([i as f32, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [-3.0; 3], opacity, [0.0; 3])
     };
-    let rows = [of(0, 0.5), of(1, 0.002), of(2, 0.001), of(3, 0.003), of(4, 0.5)];
+    let rows =
+        [gaussian(0, 0.5), gaussian(1, 0.002), gaussian(2, 0.001), gaussian(3, 0.003), gaussian(4, 0.5)];
     for (count, absorbed) in [(4, vec![2]), (3, vec![1, 2]), (2, vec![1, 2, 3])] {
         let merged = merge(set(&rows), &[1.0; 5], count).unwrap();
         assert_eq!(merged.absorbed, absorbed, "{count}");
@@ -156,11 +159,16 @@ fn what_cannot_be_seen_goes_first_and_no_more_than_there_are_too_many() {
 
 #[test]
 fn duplicates_giants_and_specks_have_defined_results() {
-    let of = |mean: f32, scale: f32, opacity: f32| -> Row {
+    let gaussian = |mean: f32, scale: f32, opacity: f32| -> Row {
         ([mean; 3], [1.0, 0.0, 0.0, 0.0], [scale; 3], opacity, [0.0; 3])
     };
-    let mut rows = vec![of(0.5, -2.0, 0.6); 100];
-    rows.extend([of(1e6, 12.0, 0.9), of(-1e6, -60.0, 0.9), of(0.0, -40.0, 1e-6), of(0.0, 20.0, 1.0 - 1e-6)]);
+    let mut rows = vec![gaussian(0.5, -2.0, 0.6); 100];
+    rows.extend([
+        gaussian(1e6, 12.0, 0.9),
+        gaussian(-1e6, -60.0, 0.9),
+        gaussian(0.0, -40.0, 1e-6),
+        gaussian(0.0, 20.0, 1.0 - 1e-6),
+    ]);
     for count in [1, 2, 3, 50, 103] {
         let merged = merge(set(&rows), &widths(104), count).unwrap().gaussians;
         assert_eq!(merged.len(), count);

@@ -42,15 +42,18 @@ impl<'a> Attribute<'a> {
         if accessor.count == 0 {
             return Err(Rule::Empty);
         }
-        let at = accessor.buffer_view.unwrap_or(usize::MAX);
-        let view = root.buffer_views.get(at).ok_or(Rule::Index { what: "buffer view", index: at })?;
+        let view_index = accessor.buffer_view.unwrap_or(usize::MAX);
+        let view = root
+            .buffer_views
+            .get(view_index)
+            .ok_or(Rule::Index { what: "buffer view", index: view_index })?;
         let buffer = root.buffers.get(view.buffer).filter(|_| view.buffer == 0);
         let buffer = buffer.ok_or(Rule::Index { what: "buffer", index: view.buffer })?;
         if buffer.uri.is_some() {
             return Err(Rule::Unsupported { what: "buffer outside the file:", found: "uri".into() });
         }
         let whole = slice(binary, view.byte_offset, view.byte_length);
-        let whole = whole.ok_or(Rule::Range { what: "buffer view", index: at })?;
+        let whole = whole.ok_or(Rule::Range { what: "buffer view", index: view_index })?;
         let element = size * width as u64;
         let stride = view.byte_stride.unwrap_or(element);
         let length = (accessor.count - 1).checked_mul(stride).and_then(|bytes| bytes.checked_add(element));

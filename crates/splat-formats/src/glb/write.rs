@@ -109,7 +109,9 @@ pub(crate) fn losses(gaussians: &Gaussians) -> Result<Vec<Loss>, Rule> {
     let logits = gaussians.geometry().chunks_exact(Gaussians::GEOMETRY).map(|row| row[OPACITY_LOGIT]);
     logits.for_each(|value| logit.count([f64::from(value)]));
     losses.extend(logit.loss(gaussians.len()).map(|loss| match loss {
-        Loss::Clipped { quantity, gaussians, of, .. } => Loss::Saturated { quantity, gaussians, of },
+        Loss::Clipped { quantity, gaussians, of: total, .. } => {
+            Loss::Saturated { quantity, gaussians, of: total }
+        }
         other => other,
     }));
     Ok(losses)

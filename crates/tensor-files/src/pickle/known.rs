@@ -29,23 +29,23 @@ impl Machine {
     }
 
     /// REDUCE: a function and the tuple of its arguments.
-    pub(super) fn call(&mut self, at: usize) -> Result<()> {
-        let arguments = self.pop(at)?;
-        let function = self.pop(at)?;
+    pub(super) fn call(&mut self, position: usize) -> Result<()> {
+        let arguments = self.pop(position)?;
+        let function = self.pop(position)?;
         let Value::Tuple(arguments) = arguments else {
-            return Err(Rule::Operand { at, expected: "tuple", found: arguments.type_name() });
+            return Err(Rule::Operand { at: position, expected: "tuple", found: arguments.type_name() });
         };
         let result = match function {
-            Value::Global(Global::RebuildTensor) => self.tensor(at, arguments)?,
+            Value::Global(Global::RebuildTensor) => self.tensor(position, arguments)?,
             Value::Global(Global::OrderedDict) if arguments.length == 0 => self.new_dict(),
-            Value::Global(Global::OrderedDict) => self.dict_of_pairs(at, arguments)?,
+            Value::Global(Global::OrderedDict) => self.dict_of_pairs(position, arguments)?,
             Value::Global(Global::RebuildParameter) => match self.pools.tuples[arguments.range()] {
                 [tensor @ Value::Tensor(_), _, _] => tensor,
-                _ => return Err(Rule::Call { at, what: "_rebuild_parameter" }),
+                _ => return Err(Rule::Call { at: position, what: "_rebuild_parameter" }),
             },
             other => {
                 return Err(Rule::Operand {
-                    at,
+                    at: position,
                     expected: "a function that is read",
                     found: other.type_name(),
                 });
@@ -56,8 +56,8 @@ impl Machine {
     }
 
     /// `OrderedDict([[key, value], …])`, as Python 2 wrote it.
-    fn dict_of_pairs(&mut self, at: usize, arguments: Span) -> Result<Value> {
-        let wrong = Rule::Call { at, what: "OrderedDict" };
+    fn dict_of_pairs(&mut self, position: usize, arguments: Span) -> Result<Value> {
+        let wrong = Rule::Call { at: position, what: "OrderedDict" };
         let [Value::List(list)] = self.pools.tuples[arguments.range()] else { return Err(wrong) };
         // The list is given up for it, or one that is referred to often would be stored as often.
         let list = std::mem::take(&mut self.pools.lists[list as usize]);
@@ -71,19 +71,19 @@ impl Machine {
     }
 
     /// BUILD: attributes of an object. Those that state dictionaries have (`_metadata`) are of no account.
-    pub(super) fn attributes(&mut self, at: usize) -> Result<()> {
-        match (self.pop(at)?, self.top(at)?) {
+    pub(super) fn attributes(&mut self, position: usize) -> Result<()> {
+        match (self.pop(position)?, self.top(position)?) {
             (Value::Dict(_), Value::Dict(_)) => Ok(()),
             (Value::Dict(_), other) | (other, _) => {
-                Err(Rule::Operand { at, expected: "dict", found: other.type_name() })
+                Err(Rule::Operand { at: position, expected: "dict", found: other.type_name() })
             }
         }
     }
 
     /// `_rebuild_tensor_v2(storage, offset, size, stride, requires_grad, hooks)`; newer files add metadata, and
     /// `_rebuild_tensor` of the oldest ends with the stride.
-    fn tensor(&mut self, at: usize, arguments: Span) -> Result<Value> {
-        let wrong = Rule::Call { at, what: "_rebuild_tensor_v2" };
+    fn tensor(&mut self, position: usize, arguments: Span) -> Result<Value> {
+        let wrong = Rule::Call { at: position, what: "_rebuild_tensor_v2" };
         let (storage, offset, sizes, strides) = match self.pools.tuples[arguments.range()] {
             [Value::Storage(storage), Value::Int(offset), Value::Tuple(sizes), Value::Tuple(strides)]
             | [
@@ -107,15 +107,15 @@ impl Machine {
         };
         let dimensions = sizes.length as usize;
         if dimensions > super::MAX_DIMENSIONS {
-            return Err(Rule::Dimensions { at, found: dimensions });
+            return Err(Rule::Dimensions { at: position, found: dimensions });
         }
         if sizes.length != strides.length {
             return Err(wrong);
         }
-        let beyond = || Rule::TensorRange { at, elements: storage.elements };
+        let beyond = || Rule::TensorRange { at: position, elements: storage.elements };
         let natural = |value: &Value| match *value {
             Value::Int(number) => u64::try_from(number).map_err(|_| beyond()),
-            _ => Err(Rule::Call { at, what: "_rebuild_tensor_v2" }),
+            _ => Err(Rule::Call { at: position, what: "_rebuild_tensor_v2" }),
         };
         let numbers = |span: Span| {
             let mut numbers = [0; super::MAX_DIMENSIONS];
@@ -144,9 +144,9 @@ impl Machine {
 
     /// BINPERSID of `("storage", type, key, location, elements)`, and before 1.6 a view of it, which is always none.
     /// Where the tensor lived (`cpu`, `cuda:0`) is of no account.
-    pub(super) fn persistent(&mut self, at: usize) -> Result<()> {
-        let wrong = Rule::Call { at, what: "a storage" };
-        let Value::Tuple(id) = self.pop(at)? else { return Err(wrong) };
+    pub(super) fn persistent(&mut self, position: usize) -> Result<()> {
+        let wrong = Rule::Call { at: position, what: "a storage" };
+        let Value::Tuple(id) = self.pop(position)? else { return Err(wrong) };
         let (kind, dtype, key, elements) = match self.pools.tuples[id.range()] {
             [kind, Value::Global(Global::Storage(dtype)), Value::Text(key), _, Value::Int(elements)]
             | [

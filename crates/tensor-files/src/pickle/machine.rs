@@ -10,8 +10,8 @@ use std::collections::HashMap;
 
 pub(super) type Result<T> = std::result::Result<T, Rule>;
 
-/// Runs the pickle that starts at byte `at` to its STOP; what it builds, and where it ends.
-pub(crate) fn run(bytes: Vec<u8>, at: usize) -> Result<(Pickle, usize)> {
+/// Runs the pickle that starts at byte `start` to its STOP; what it builds, and where it ends.
+pub(crate) fn run(bytes: Vec<u8>, start: usize) -> Result<(Pickle, usize)> {
     let pools = Pickle {
         bytes,
         tuples: Vec::new(),
@@ -21,7 +21,8 @@ pub(crate) fn run(bytes: Vec<u8>, at: usize) -> Result<(Pickle, usize)> {
         tensors: Vec::new(),
         root: Value::None,
     };
-    let mut machine = Machine { pools, at, stack: Vec::new(), marks: Vec::new(), memo: HashMap::new() };
+    let mut machine =
+        Machine { pools, at: start, stack: Vec::new(), marks: Vec::new(), memo: HashMap::new() };
     while machine.step()? {}
     Ok((machine.pools, machine.at))
 }
@@ -39,11 +40,11 @@ pub(super) struct Machine {
 impl Machine {
     /// One opcode; false after STOP.
     fn step(&mut self) -> Result<bool> {
-        let at = self.at;
+        let position = self.at;
         let [opcode] = self.array()?;
         match opcode {
             b'.' => {
-                self.pools.root = self.pop(at)?;
+                self.pools.root = self.pop(position)?;
                 return Ok(false);
             }
             0x80 => {
@@ -55,13 +56,13 @@ impl Machine {
             // FRAME states how much to read ahead; all of it is here.
             0x95 => drop(self.array::<8>()?),
             b'(' => self.marks.push(self.stack.len()),
-            b'0' => drop(self.pop(at)?),
+            b'0' => drop(self.pop(position)?),
             b'1' => {
-                let height = self.mark(at)?;
+                let height = self.mark(position)?;
                 self.stack.truncate(height);
             }
             b'2' => {
-                let top = self.top(at)?;
+                let top = self.top(position)?;
                 self.stack.push(top);
             }
             b'N' => self.stack.push(Value::None),
@@ -81,7 +82,7 @@ impl Machine {
             }
             0x8a => {
                 let [length] = self.array()?;
-                let number = self.long(at, length.into())?;
+                let number = self.long(position, length.into())?;
                 self.stack.push(number);
             }
             b'G' => {
@@ -91,74 +92,74 @@ impl Machine {
             // Text of Python 2, with a length of one byte or four.
             b'U' => {
                 let [length] = self.array()?;
-                self.text(at, length.into())?;
+                self.text(position, length.into())?;
             }
             b'T' | b'X' => {
                 let length = u32::from_le_bytes(self.array()?);
-                self.text(at, length.into())?;
+                self.text(position, length.into())?;
             }
             0x8c => {
                 let [length] = self.array()?;
-                self.text(at, length.into())?;
+                self.text(position, length.into())?;
             }
             0x8d => {
                 let length = u64::from_le_bytes(self.array()?);
-                self.text(at, length)?;
+                self.text(position, length)?;
             }
             b']' | b'}' | b')' => self.empty(opcode),
-            b'l' | b'd' | b't' => self.marked(at, opcode)?,
+            b'l' | b'd' | b't' => self.marked(position, opcode)?,
             0x85..=0x87 => {
-                let height = self.below(at, usize::from(opcode - 0x84))?;
+                let height = self.below(position, usize::from(opcode - 0x84))?;
                 self.tuple(height);
             }
             b'a' => {
-                let height = self.below(at, 1)?;
-                self.append(at, height)?;
+                let height = self.below(position, 1)?;
+                self.append(position, height)?;
             }
             b'e' => {
-                let height = self.mark(at)?;
-                self.append(at, height)?;
+                let height = self.mark(position)?;
+                self.append(position, height)?;
             }
             b's' => {
-                let height = self.below(at, 2)?;
-                self.set(at, height)?;
+                let height = self.below(position, 2)?;
+                self.set(position, height)?;
             }
             b'u' => {
-                let height = self.mark(at)?;
-                self.set(at, height)?;
+                let height = self.mark(position)?;
+                self.set(position, height)?;
             }
             b'q' => {
                 let [slot] = self.array()?;
-                self.put(at, slot.into())?;
+                self.put(position, slot.into())?;
             }
             b'r' => {
                 let slot = u32::from_le_bytes(self.array()?);
-                self.put(at, slot)?;
+                self.put(position, slot)?;
             }
             // MEMOIZE fills the slot after the last one; no memo has more slots than the file has bytes.
-            0x94 => self.put(at, self.memo.len() as u32)?,
+            0x94 => self.put(position, self.memo.len() as u32)?,
             b'h' => {
                 let [slot] = self.array()?;
-                self.recall(at, slot.into())?;
+                self.recall(position, slot.into())?;
             }
             b'j' => {
                 let slot = u32::from_le_bytes(self.array()?);
-                self.recall(at, slot)?;
+                self.recall(position, slot)?;
             }
             b'c' => {
                 let (module, name) = (self.line()?, self.line()?);
                 self.global(module, name)?;
             }
             0x93 => {
-                let height = self.below(at, 2)?;
-                let (module, name) = (self.as_text(at, height)?, self.as_text(at, height + 1)?);
+                let height = self.below(position, 2)?;
+                let (module, name) = (self.as_text(position, height)?, self.as_text(position, height + 1)?);
                 self.stack.truncate(height);
                 self.global(module, name)?;
             }
-            b'R' => self.call(at)?,
-            b'b' => self.attributes(at)?,
-            b'Q' => self.persistent(at)?,
-            _ => return Err(Rule::Opcode { at, opcode }),
+            b'R' => self.call(position)?,
+            b'b' => self.attributes(position)?,
+            b'Q' => self.persistent(position)?,
+            _ => return Err(Rule::Opcode { at: position, opcode }),
         }
         Ok(true)
     }
@@ -192,21 +193,21 @@ impl Machine {
         Ok(span)
     }
 
-    fn text(&mut self, at: usize, length: u64) -> Result<()> {
+    fn text(&mut self, position: usize, length: u64) -> Result<()> {
         let span = self.span(length)?;
         if std::str::from_utf8(&self.pools.bytes[span.range()]).is_err() {
-            return Err(Rule::Utf8 { at });
+            return Err(Rule::Utf8 { at: position });
         }
         self.stack.push(Value::Text(span));
         Ok(())
     }
 
     /// A whole number of little-endian two's complement bytes.
-    fn long(&mut self, at: usize, length: u64) -> Result<Value> {
+    fn long(&mut self, position: usize, length: u64) -> Result<Value> {
         let span = self.span(length)?;
         let bytes = &self.pools.bytes[span.range()];
         if bytes.len() > 8 {
-            return Err(Rule::Integer { at, bytes: bytes.len() });
+            return Err(Rule::Integer { at: position, bytes: bytes.len() });
         }
         let negative = bytes.last().is_some_and(|&byte| byte >= 0x80);
         let mut wide = [if negative { 0xff } else { 0 }; 8];
@@ -219,25 +220,25 @@ impl Machine {
         self.marks.last().copied().unwrap_or(0)
     }
 
-    pub(super) fn top(&self, at: usize) -> Result<Value> {
-        self.stack[self.floor()..].last().copied().ok_or(Rule::Stack { at })
+    pub(super) fn top(&self, position: usize) -> Result<Value> {
+        self.stack[self.floor()..].last().copied().ok_or(Rule::Stack { at: position })
     }
 
-    pub(super) fn pop(&mut self, at: usize) -> Result<Value> {
-        let top = self.top(at)?;
+    pub(super) fn pop(&mut self, position: usize) -> Result<Value> {
+        let top = self.top(position)?;
         self.stack.pop();
         Ok(top)
     }
 
     /// Height of the stack below its top `count` values.
-    fn below(&self, at: usize, count: usize) -> Result<usize> {
+    fn below(&self, position: usize, count: usize) -> Result<usize> {
         let height = self.stack.len().checked_sub(count).filter(|&height| height >= self.floor());
-        height.ok_or(Rule::Stack { at })
+        height.ok_or(Rule::Stack { at: position })
     }
 
     /// Takes the last MARK off; its height.
-    fn mark(&mut self, at: usize) -> Result<usize> {
-        self.marks.pop().ok_or(Rule::Stack { at })
+    fn mark(&mut self, position: usize) -> Result<usize> {
+        self.marks.pop().ok_or(Rule::Stack { at: position })
     }
 
     fn empty(&mut self, opcode: u8) {
@@ -260,8 +261,8 @@ impl Machine {
     }
 
     /// LIST, DICT and TUPLE, from what lies above the last MARK.
-    fn marked(&mut self, at: usize, opcode: u8) -> Result<()> {
-        let height = self.mark(at)?;
+    fn marked(&mut self, position: usize, opcode: u8) -> Result<()> {
+        let height = self.mark(position)?;
         match opcode {
             b'l' => {
                 let items = self.stack.split_off(height);
@@ -271,7 +272,7 @@ impl Machine {
             b'd' => {
                 let dict = self.new_dict();
                 self.stack.insert(height, dict);
-                self.set(at, height + 1)?;
+                self.set(position, height + 1)?;
             }
             _ => self.tuple(height),
         }
@@ -286,26 +287,26 @@ impl Machine {
     }
 
     /// Appends what lies above `height` to the list below it.
-    fn append(&mut self, at: usize, height: usize) -> Result<()> {
+    fn append(&mut self, position: usize, height: usize) -> Result<()> {
         let list = match height.checked_sub(1).filter(|&below| below >= self.floor()) {
             Some(below) => self.stack[below],
-            None => return Err(Rule::Stack { at }),
+            None => return Err(Rule::Stack { at: position }),
         };
         let Value::List(list) = list else {
-            return Err(Rule::Operand { at, expected: "list", found: list.type_name() });
+            return Err(Rule::Operand { at: position, expected: "list", found: list.type_name() });
         };
         self.pools.lists[list as usize].extend(self.stack.drain(height..));
         Ok(())
     }
 
     /// Sets the pairs that lie above `height` in the dict below it.
-    fn set(&mut self, at: usize, height: usize) -> Result<()> {
+    fn set(&mut self, position: usize, height: usize) -> Result<()> {
         let dict = match height.checked_sub(1).filter(|&below| below >= self.floor()) {
             Some(below) if (self.stack.len() - height).is_multiple_of(2) => self.stack[below],
-            _ => return Err(Rule::Stack { at }),
+            _ => return Err(Rule::Stack { at: position }),
         };
         let Value::Dict(dict) = dict else {
-            return Err(Rule::Operand { at, expected: "dict", found: dict.type_name() });
+            return Err(Rule::Operand { at: position, expected: "dict", found: dict.type_name() });
         };
         let pairs = self.stack[height..].chunks_exact(2).map(|pair| (pair[0], pair[1]));
         self.pools.dicts[dict as usize].extend(pairs);
@@ -313,22 +314,22 @@ impl Machine {
         Ok(())
     }
 
-    fn put(&mut self, at: usize, slot: u32) -> Result<()> {
-        let top = self.top(at)?;
+    fn put(&mut self, position: usize, slot: u32) -> Result<()> {
+        let top = self.top(position)?;
         self.memo.insert(slot, top);
         Ok(())
     }
 
-    fn recall(&mut self, at: usize, slot: u32) -> Result<()> {
-        let value = self.memo.get(&slot).copied().ok_or(Rule::Memo { at, slot })?;
+    fn recall(&mut self, position: usize, slot: u32) -> Result<()> {
+        let value = self.memo.get(&slot).copied().ok_or(Rule::Memo { at: position, slot })?;
         self.stack.push(value);
         Ok(())
     }
 
-    fn as_text(&self, at: usize, height: usize) -> Result<Span> {
+    fn as_text(&self, position: usize, height: usize) -> Result<Span> {
         match self.stack[height] {
             Value::Text(span) => Ok(span),
-            other => Err(Rule::Operand { at, expected: "str", found: other.type_name() }),
+            other => Err(Rule::Operand { at: position, expected: "str", found: other.type_name() }),
         }
     }
 }

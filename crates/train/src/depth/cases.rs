@@ -94,13 +94,13 @@ impl DepthCase {
         let (mut blocks, mut base) = (Vec::with_capacity(width * height * channels), Vec::new());
         for row in y..y + height {
             for column in 0..width {
-                let at = row * columns + x + place(column, width);
+                let block = row * columns + x + place(column, width);
                 let from = blocks.len();
-                blocks.extend(self.blocks[at * channels..][..channels].iter().map(|v| v.to_f32()));
+                blocks.extend(self.blocks[block * channels..][..channels].iter().map(|v| v.to_f32()));
                 if mirrored {
                     Inputs::mirror_block(&mut blocks[from..]);
                 }
-                base.push(self.base[at]);
+                base.push(self.base[block]);
             }
         }
         let gather = |from: &[f32]| -> Vec<f32> {
@@ -110,9 +110,9 @@ impl DepthCase {
             };
             (0..pixels.1).flat_map(row).collect()
         };
-        let (own, exact) = (gather(&self.own), gather(&self.exact));
+        let (stereo, exact) = (gather(&self.own), gather(&self.exact));
         Crop {
-            inputs: Inputs::of_parts(InputParts { size: pixels, blocks, base, own, unit: self.unit }),
+            inputs: Inputs::of_parts(InputParts { size: pixels, blocks, base, own: stereo, unit: self.unit }),
             exact,
         }
     }
@@ -213,8 +213,8 @@ impl DepthCases {
     ) -> Result<Self> {
         let made: Vec<(String, String, Option<Vec<DepthCase>>)> = items
             .par_iter()
-            .map(|of| {
-                let (name, described, make) = item(of)?;
+            .map(|source| {
+                let (name, described, make) = item(source)?;
                 let key = hexadecimal(&Sha256::digest(described));
                 let file = format!("{}-{}.depth.safetensors", name.replace('/', "-"), &key[..16]);
                 let made = kept_or_made(&cache.join(file), make)?;

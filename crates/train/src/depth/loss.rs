@@ -65,22 +65,27 @@ mod tests {
     fn gradients_equal_finite_differences() {
         let size = (4, 2);
         let blocks = vec![0.0; 2 * Inputs::CHANNELS];
-        let own = vec![3.0, 5.0, 7.0, 9.0, 4.0, 6.0, 8.0, 10.0];
-        let inputs =
-            Inputs::of_parts(InputParts { size, blocks, base: vec![3.0, 7.0], own, unit: [0.1, 0.01] });
+        let stereo = vec![3.0, 5.0, 7.0, 9.0, 4.0, 6.0, 8.0, 10.0];
+        let inputs = Inputs::of_parts(InputParts {
+            size,
+            blocks,
+            base: vec![3.0, 7.0],
+            own: stereo,
+            unit: [0.1, 0.01],
+        });
         let exact = [3.2, UNKNOWN, f32::NAN, f32::NAN, 30.0, 6.4, f32::NAN, f32::NAN];
         let decoded = Decoded {
             correction: vec![0.5, -0.7, 0.1, 0.0, 1.0, -2.0, 0.3, 0.2],
             log_error: vec![0.2, -0.4, 0.0, 0.1, 1.0, 0.6, 0.0, 0.0],
             sky: vec![-0.3, 0.8],
         };
-        let at = |decoded: &Decoded| loss(&inputs, decoded, &exact).0;
+        let value = |decoded: &Decoded| loss(&inputs, decoded, &exact).0;
         let gradient = loss(&inputs, &decoded, &exact).1;
         let check = |expected: f32, change: &dyn Fn(&mut Decoded, f32)| {
             let moved = |by: f32| {
                 let mut decoded = decoded.clone();
                 change(&mut decoded, by);
-                at(&decoded)
+                value(&decoded)
             };
             let found = (moved(1e-2) - moved(-1e-2)) / 2e-2;
             assert!((found - f64::from(expected)).abs() < 1e-3, "{found} {expected}");

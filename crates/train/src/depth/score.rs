@@ -68,9 +68,9 @@ impl Collected {
 
     pub(crate) fn score(mut self) -> DepthScore {
         let all = self.pixels.len().max(1) as f64;
-        let share = |keep: &dyn Fn(&(f32, f32, bool)) -> bool, of: &dyn Fn(&(f32, f32, bool)) -> bool| {
-            let of: Vec<_> = self.pixels.iter().filter(|pixel| of(pixel)).collect();
-            of.iter().filter(|pixel| keep(pixel)).count() as f64 / of.len().max(1) as f64
+        let share = |keep: &dyn Fn(&(f32, f32, bool)) -> bool, group: &dyn Fn(&(f32, f32, bool)) -> bool| {
+            let members: Vec<_> = self.pixels.iter().filter(|pixel| group(pixel)).collect();
+            members.iter().filter(|pixel| keep(pixel)).count() as f64 / members.len().max(1) as f64
         };
         let any = |_: &(f32, f32, bool)| true;
         let mut score = DepthScore {

@@ -199,9 +199,9 @@ impl DepthTrainer {
             loss += value * f64::from(share);
             sum.iter_mut().zip(gradient).for_each(|(sum, g)| *sum += share * g);
         }
-        let at = (self.step, self.config.steps);
+        let position = (self.step, self.config.steps);
         let Taken { lr, gradient, skipped } =
-            self.adam.step(&self.config.rates, at, &mut self.weights.values, sum, loss);
+            self.adam.step(&self.config.rates, position, &mut self.weights.values, sum, loss);
         self.skipped += usize::from(skipped);
         self.step += 1;
         let seconds = begin.elapsed().as_secs_f64();
@@ -238,10 +238,10 @@ fn score(network: &DepthNetwork, cases: &DepthCases) -> Result<[DepthScore; 2]> 
             let (exact, inputs) = (whole.exact_depth(), &whole.inputs);
             let decoded = network.run(inputs);
             let depth = |inverse: Vec<f32>| inverse.into_iter().map(|w| 1.0 / w).collect::<Vec<f32>>();
-            let own = inputs.stereo().iter().map(|&steps| 1.0 / inputs.depth_of(steps));
-            let own: Vec<(f32, f32)> = own.zip(inputs.stereo_confidence()).collect();
-            let learned = inputs.join(&decoded, own.iter().copied());
-            let stereo: (Vec<f32>, Vec<f32>) = own.into_iter().unzip();
+            let inverse_depths = inputs.stereo().iter().map(|&steps| 1.0 / inputs.depth_of(steps));
+            let pairs: Vec<(f32, f32)> = inverse_depths.zip(inputs.stereo_confidence()).collect();
+            let learned = inputs.join(&decoded, pairs.iter().copied());
+            let stereo: (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
             (exact, inputs.size().0, (depth(learned.0), learned.1), (depth(stereo.0), stereo.1))
         })
         .collect();

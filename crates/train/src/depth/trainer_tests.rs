@@ -88,13 +88,13 @@ fn crops_are_parts_of_the_view_and_mirrored_ones_are_turned() {
     let plain = case.crop((3, 2), (20, 16), false);
     let turned = case.crop((3, 2), (20, 16), true);
     assert_eq!(plain.inputs.size(), (40, 32));
-    let at = |crop: &Crop, x: usize, y: usize| {
+    let sample = |crop: &Crop, x: usize, y: usize| {
         (crop.inputs.stereo()[y * 40 + x], crop.exact[y * 40 + x].to_bits())
     };
     for (x, y) in [(0, 0), (39, 0), (17, 31)] {
         let of_whole = (y + 4) * 96 + x + 6;
-        assert_eq!(at(&plain, x, y), (whole.inputs.stereo()[of_whole], whole.exact[of_whole].to_bits()));
-        assert_eq!(at(&plain, x, y), at(&turned, 39 - x, y));
+        assert_eq!(sample(&plain, x, y), (whole.inputs.stereo()[of_whole], whole.exact[of_whole].to_bits()));
+        assert_eq!(sample(&plain, x, y), sample(&turned, 39 - x, y));
     }
     let confidence = |crop: &Crop| crop.inputs.stereo_confidence();
     let (plain, mut turned) = (confidence(&plain), confidence(&turned));

@@ -26,8 +26,8 @@ impl Ranks {
 
 impl Exchange for Universe {
     fn sum(&self, values: &mut [f64]) {
-        let own = values.to_vec();
-        self.world().all_reduce_into(&own[..], values, SystemOperation::sum());
+        let contribution = values.to_vec();
+        self.world().all_reduce_into(&contribution[..], values, SystemOperation::sum());
     }
 
     fn range(&self, value: u64) -> (u64, u64) {

@@ -20,23 +20,24 @@ const NON_FINITE: [&str; 3] = ["NaN", "Infinity", "-Infinity"];
 fn quote_non_finite(text: &[u8]) -> Cow<'_, [u8]> {
     let mut quoted: Vec<u8> = Vec::new();
     let mut copied = 0;
-    let (mut at, mut in_string) = (0, false);
-    while at < text.len() {
-        match text[at] {
+    let (mut index, mut in_string) = (0, false);
+    while index < text.len() {
+        match text[index] {
             b'"' => in_string = !in_string,
-            b'\\' if in_string => at += 1,
+            b'\\' if in_string => index += 1,
             b'N' | b'I' | b'-' if !in_string => {
-                if let Some(word) = NON_FINITE.iter().find(|word| text[at..].starts_with(word.as_bytes())) {
-                    quoted.extend_from_slice(&text[copied..at]);
+                if let Some(word) = NON_FINITE.iter().find(|word| text[index..].starts_with(word.as_bytes()))
+                {
+                    quoted.extend_from_slice(&text[copied..index]);
                     quoted.extend_from_slice(format!("\"{word}\"").as_bytes());
-                    at += word.len();
-                    copied = at;
+                    index += word.len();
+                    copied = index;
                     continue;
                 }
             }
             _ => {}
         }
-        at += 1;
+        index += 1;
     }
     if copied == 0 {
         return Cow::Borrowed(text);

@@ -26,9 +26,9 @@ pub(super) fn samples(view: &View, lens: &Lens) -> impl Iterator<Item = (usize, 
         let depth = depth_at(view.depth()?, x, y)?;
         let pixel = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
         let position = view.camera().to_world(lens.undistort(pixel)?.extend(1.0) * depth);
-        let at = (y * width + x) * 3;
+        let start = (y * width + x) * 3;
         let colour = std::array::from_fn(|channel| {
-            (view.image().data()[at + channel].clamp(0.0, 1.0) * 255.0).round() as u8
+            (view.image().data()[start + channel].clamp(0.0, 1.0) * 255.0).round() as u8
         });
         Some((cell, Sample { pixel, depth, position, colour }))
     })

@@ -49,25 +49,25 @@ impl Scratch {
         self.relative.push([0.0; 3]);
         self.relative.extend_from_slice(&relative[anchor * k..][..k]);
         self.hidden.resize(k + 1, [0.0; WIDTH]);
-        for at in 0..WIDTH / S::F32_LANES {
-            let [x, y, z, bias] = block.offset.each_ref().map(|row| vectors::<S>(row)[at]);
+        for vector in 0..WIDTH / S::F32_LANES {
+            let [x, y, z, bias] = block.offset.each_ref().map(|row| vectors::<S>(row)[vector]);
             for (hidden, &[rx, ry, rz]) in self.hidden.iter_mut().zip(&self.relative) {
                 let sum = simd.mul_add_e_f32s(x, simd.splat_f32s(rx), bias);
                 let sum = simd.mul_add_e_f32s(y, simd.splat_f32s(ry), sum);
                 let sum = simd.mul_add_e_f32s(z, simd.splat_f32s(rz), sum);
-                vectors_mut::<S>(hidden)[at] = relu(simd, sum);
+                vectors_mut::<S>(hidden)[vector] = relu(simd, sum);
             }
         }
     }
 
-    /// For each pair and head, the products with what is given by head along h_ij plus that with a row along `of(j)`.
+    /// For each pair and head, the products with what is given by head along h_ij plus that with a row along `row_of(j)`.
     #[inline(always)]
     fn dots<'r, S: Simd>(
         &self,
         simd: S,
         along_hidden: &ByHead,
         along_row: &Row,
-        of: impl Fn(usize) -> &'r Row,
+        row_of: impl Fn(usize) -> &'r Row,
         out: &mut [[f32; HEADS]],
     ) {
         // Two pairs at a time share what is loaded of `along_hidden`; of an odd number the last pair is done twice.
@@ -78,20 +78,20 @@ impl Scratch {
         for first in (0..pairs).step_by(2) {
             let both = [first, (first + 1).min(pairs - 1)];
             let hidden = both.map(|pair| vectors::<S>(&self.hidden[pair]));
-            let rows = both.map(|pair| vectors::<S>(of(self.index[pair])));
+            let rows = both.map(|pair| vectors::<S>(row_of(self.index[pair])));
             let mut sums = [[simd.splat_f32s(0.0); HEADS]; 2];
-            for at in 0..WIDTH / S::F32_LANES {
-                let h = hidden.map(|hidden| hidden[at]);
+            for vector in 0..WIDTH / S::F32_LANES {
+                let h = hidden.map(|hidden| hidden[vector]);
                 for c in 0..HEADS {
-                    let along = along_hidden[c][at];
+                    let along = along_hidden[c][vector];
                     sums[0][c] = simd.mul_add_e_f32s(h[0], along, sums[0][c]);
                     sums[1][c] = simd.mul_add_e_f32s(h[1], along, sums[1][c]);
                 }
             }
-            for (at, along) in along_row.iter().enumerate() {
-                let c = at / per_head;
-                sums[0][c] = simd.mul_add_e_f32s(rows[0][at], *along, sums[0][c]);
-                sums[1][c] = simd.mul_add_e_f32s(rows[1][at], *along, sums[1][c]);
+            for (vector, along) in along_row.iter().enumerate() {
+                let c = vector / per_head;
+                sums[0][c] = simd.mul_add_e_f32s(rows[0][vector], *along, sums[0][c]);
+                sums[1][c] = simd.mul_add_e_f32s(rows[1][vector], *along, sums[1][c]);
             }
             for (pair, sums) in both.into_iter().zip(sums) {
                 for (out, sum) in out[pair].iter_mut().zip(sums) {
@@ -101,23 +101,23 @@ impl Scratch {
         }
     }
 
-    /// For each head, the sum of h_ij over pairs with `weights`, and likewise that of its part of the rows `of(j)`.
+    /// For each head, the sum of h_ij over pairs with `weights`, and likewise that of its part of the rows `row_of(j)`.
     #[inline(always)]
     fn weighted<'r, S: Simd>(
         &self,
         simd: S,
         weights: &[[f32; HEADS]],
-        of: impl Fn(usize) -> &'r Row,
+        row_of: impl Fn(usize) -> &'r Row,
         hidden_sum: &mut ByHead,
         row_sum: &mut Row,
     ) {
         let zero = simd.splat_f32s(0.0);
         let count = WIDTH / S::F32_LANES;
         // Two vectors of h_ij at a time share the weights.
-        for at in (0..count).step_by(2) {
+        for start in (0..count).step_by(2) {
             let mut sums = [[zero; 2]; HEADS];
             for (hidden, weights) in self.hidden.iter().zip(weights) {
-                let h = [vectors::<S>(hidden)[at], vectors::<S>(hidden)[at + 1]];
+                let h = [vectors::<S>(hidden)[start], vectors::<S>(hidden)[start + 1]];
                 for c in 0..HEADS {
                     let weight = simd.splat_f32s(weights[c]);
                     sums[c][0] = simd.mul_add_e_f32s(weight, h[0], sums[c][0]);
@@ -125,21 +125,21 @@ impl Scratch {
                 }
             }
             for (out, sums) in hidden_sum.iter_mut().zip(sums) {
-                vectors_mut::<S>(out)[at..at + 2].copy_from_slice(&sums);
+                vectors_mut::<S>(out)[start..start + 2].copy_from_slice(&sums);
             }
         }
         // Eight vectors of the rows: as many sums as hide the latency of an addition.
         let per_head = HEAD_WIDTH / S::F32_LANES;
-        for at in (0..count).step_by(SUMS) {
+        for start in (0..count).step_by(SUMS) {
             let mut sums = [zero; SUMS];
             for (&j, weights) in self.index.iter().zip(weights) {
-                let row = &vectors::<S>(of(j))[at..at + SUMS];
+                let row = &vectors::<S>(row_of(j))[start..start + SUMS];
                 for (i, sum) in sums.iter_mut().enumerate() {
-                    let weight = simd.splat_f32s(weights[(at + i) / per_head]);
+                    let weight = simd.splat_f32s(weights[(start + i) / per_head]);
                     *sum = simd.mul_add_e_f32s(weight, row[i], *sum);
                 }
             }
-            vectors_mut::<S>(row_sum)[at..at + SUMS].copy_from_slice(&sums);
+            vectors_mut::<S>(row_sum)[start..start + SUMS].copy_from_slice(&sums);
         }
     }
 
@@ -153,10 +153,10 @@ impl Scratch {
         out: &mut ByHead,
     ) {
         let zero = simd.splat_f32s(0.0);
-        for at in 0..WIDTH / S::F32_LANES {
-            let up = up.each_ref().map(|row| vectors::<S>(row)[at]);
-            let grad_hidden = grad_hidden.each_ref().map(|row| vectors::<S>(row)[at]);
-            let mut sums = out.each_ref().map(|row| vectors::<S>(row)[at]);
+        for vector in 0..WIDTH / S::F32_LANES {
+            let up = up.each_ref().map(|row| vectors::<S>(row)[vector]);
+            let grad_hidden = grad_hidden.each_ref().map(|row| vectors::<S>(row)[vector]);
+            let mut sums = out.each_ref().map(|row| vectors::<S>(row)[vector]);
             let weights = grad_logits.iter().zip(alphas);
             for ((hidden, relative), (grad_logit, alpha)) in
                 self.hidden.iter().zip(&self.relative).zip(weights)
@@ -166,7 +166,7 @@ impl Scratch {
                     grad = simd.mul_add_e_f32s(simd.splat_f32s(grad_logit[c]), up[c], grad);
                     grad = simd.mul_add_e_f32s(simd.splat_f32s(alpha[c]), grad_hidden[c], grad);
                 }
-                let live = simd.greater_than_f32s(vectors::<S>(hidden)[at], zero);
+                let live = simd.greater_than_f32s(vectors::<S>(hidden)[vector], zero);
                 let grad = select(simd, live, grad, zero);
                 for i in 0..3 {
                     sums[i] = simd.mul_add_e_f32s(simd.splat_f32s(relative[i]), grad, sums[i]);
@@ -174,7 +174,7 @@ impl Scratch {
                 sums[3] = simd.add_f32s(sums[3], grad);
             }
             for (out, sum) in out.iter_mut().zip(sums) {
-                vectors_mut::<S>(out)[at] = sum;
+                vectors_mut::<S>(out)[vector] = sum;
             }
         }
     }

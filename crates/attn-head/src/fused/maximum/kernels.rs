@@ -48,15 +48,15 @@ impl Pairs<'_> {
     /// h_ij.
     #[inline(always)]
     fn hidden<S: Simd>(&self, simd: S, i: usize, (j, relative): (usize, [f32; 3]), out: &mut Row) {
-        let own = vectors::<S>(self.shown(i).get(1).unwrap_or(NONE));
+        let anchor = vectors::<S>(self.shown(i).get(1).unwrap_or(NONE));
         let other = vectors::<S>(&self.shown(j)[0]);
         let [px, py, pz] = self.position.each_ref().map(|column| vectors::<S>(column));
         let [x, y, z] = relative.map(|v| simd.splat_f32s(v));
-        for (at, out) in vectors_mut::<S>(out).iter_mut().enumerate() {
-            let sum = simd.add_f32s(own[at], other[at]);
-            let sum = simd.mul_add_e_f32s(px[at], x, sum);
-            let sum = simd.mul_add_e_f32s(py[at], y, sum);
-            let sum = simd.mul_add_e_f32s(pz[at], z, sum);
+        for (vector, out) in vectors_mut::<S>(out).iter_mut().enumerate() {
+            let sum = simd.add_f32s(anchor[vector], other[vector]);
+            let sum = simd.mul_add_e_f32s(px[vector], x, sum);
+            let sum = simd.mul_add_e_f32s(py[vector], y, sum);
+            let sum = simd.mul_add_e_f32s(pz[vector], z, sum);
             *out = relu(simd, sum);
         }
     }
@@ -102,11 +102,11 @@ impl WithSimd for Largest<'_> {
         let Self { products, values, picks } = self;
         let (first, others) = products.split_first().expect("an anchor sees itself");
         let picks = S::as_mut_simd_u32s(picks).0.as_chunks_mut::<CHUNK>().0;
-        for (at, (values, picks)) in chunks_mut::<S>(values).iter_mut().zip(picks).enumerate() {
-            *values = chunks::<S>(first)[at];
+        for (chunk, (values, picks)) in chunks_mut::<S>(values).iter_mut().zip(picks).enumerate() {
+            *values = chunks::<S>(first)[chunk];
             *picks = [simd.splat_u32s(0); CHUNK];
             for (pair, products) in (1..).zip(others) {
-                let (products, pair) = (&chunks::<S>(products)[at], simd.splat_u32s(pair));
+                let (products, pair) = (&chunks::<S>(products)[chunk], simd.splat_u32s(pair));
                 for i in 0..CHUNK {
                     // What is not a number is never passed over.
                     let number = simd.equal_f32s(products[i], products[i]);
@@ -130,11 +130,11 @@ fn before_relu<S: Simd>(
     mut each_chunk: impl FnMut(usize, [S::f32s; CHUNK]),
 ) {
     let zero = simd.splat_f32s(0.0);
-    for (at, hidden) in chunks::<S>(hidden).iter().enumerate() {
+    for (chunk, hidden) in chunks::<S>(hidden).iter().enumerate() {
         let mut sums = [zero; CHUNK];
         for &c in channels {
             let (row, grad) =
-                (&chunks::<S>(&last[usize::from(c)])[at], simd.splat_f32s(grad[usize::from(c)]));
+                (&chunks::<S>(&last[usize::from(c)])[chunk], simd.splat_f32s(grad[usize::from(c)]));
             for (sum, weight) in sums.iter_mut().zip(row) {
                 *sum = simd.mul_add_e_f32s(grad, *weight, *sum);
             }
@@ -142,7 +142,7 @@ fn before_relu<S: Simd>(
         for (sum, hidden) in sums.iter_mut().zip(hidden) {
             *sum = select(simd, simd.greater_than_f32s(*hidden, zero), *sum, zero);
         }
-        each_chunk(at, sums);
+        each_chunk(chunk, sums);
     }
 }
 
@@ -168,11 +168,11 @@ impl WithSimd for Gradient<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { pairs, last, first, maxima, grad, own, last_sum, position_sum } = self;
+        let Self { pairs, last, first, maxima, grad, own: own_grads, last_sum, position_sum } = self;
         let mut hidden = [0.0; WIDTH];
         for (row, grad) in grad.iter().enumerate() {
             let i = first + row;
-            let mut own = own.get_mut(row);
+            let mut own_grad = own_grads.get_mut(row);
             for (place, channels) in maxima.of(row, pairs.each()).enumerate() {
                 if channels.is_empty() {
                     continue;
@@ -187,12 +187,12 @@ impl WithSimd for Gradient<'_> {
                     last,
                     &hidden,
                     #[inline(always)]
-                    |at, sums| {
-                        if let Some(own) = &mut own {
-                            add(simd, &mut chunks_mut::<S>(own)[at], sums);
+                    |chunk, sums| {
+                        if let Some(out) = &mut own_grad {
+                            add(simd, &mut chunks_mut::<S>(out)[chunk], sums);
                         }
                         for (column, v) in position_sum.iter_mut().zip(relative) {
-                            for (sum, grad) in chunks_mut::<S>(column)[at].iter_mut().zip(sums) {
+                            for (sum, grad) in chunks_mut::<S>(column)[chunk].iter_mut().zip(sums) {
                                 *sum = simd.mul_add_e_f32s(v, grad, *sum);
                             }
                         }
@@ -247,7 +247,7 @@ impl WithSimd for Gather<'_> {
                     last,
                     &hidden,
                     #[inline(always)]
-                    |at, sums| add(simd, &mut chunks_mut::<S>(out)[at], sums),
+                    |chunk, sums| add(simd, &mut chunks_mut::<S>(out)[chunk], sums),
                 );
             }
         }

@@ -155,17 +155,17 @@ mod tests {
             for (group, query, head) in (0..groups * queries * heads)
                 .map(|i| (i / heads / queries, i / heads % queries, i % heads))
             {
-                let at = |key: usize, c: usize| f64::from(kv[(group * keys + key) * stride + head * 2 * width + c]);
+                let component = |key: usize, c: usize| f64::from(kv[(group * keys + key) * stride + head * 2 * width + c]);
                 let mine = &q[((group * queries + query) * heads + head) * width..][..width];
                 let weights: Vec<f64> = (0..keys).map(|key| {
-                    let dot: f64 = mine.iter().enumerate().map(|(c, &v)| f64::from(v) * at(key, c)).sum();
+                    let dot: f64 = mine.iter().enumerate().map(|(c, &v)| f64::from(v) * component(key, c)).sum();
                     let set = group % 2;
                     let apart = labelled && q_labels[set * queries + query] != k_labels[set * keys + key];
                     (0.7 * dot - if apart { 100.0 } else { 0.0 }).exp()
                 }).collect();
                 let total: f64 = weights.iter().sum();
                 for c in 0..width {
-                    let sum: f64 = weights.iter().enumerate().map(|(key, w)| w * at(key, width + c)).sum();
+                    let sum: f64 = weights.iter().enumerate().map(|(key, w)| w * component(key, width + c)).sum();
                     let found = f64::from(found[((group * queries + query) * heads + head) * width + c]);
                     prop_assert!((found - sum / total).abs() < 3e-5, "{} and {}", found, sum / total);
                 }

@@ -171,10 +171,11 @@ mod tests {
                     let mut sum = 0.0;
                     for (v, u) in (0..side * side).map(|i| (i / side, i % side)) {
                         let place = |step: usize, offset: usize, n: usize| {
-                            let at = (step * window.stride + offset) as isize - window.padding as isize;
+                            let coordinate =
+                                (step * window.stride + offset) as isize - window.padding as isize;
                             match window.border {
-                                Border::Replicate => Some(at.clamp(0, n as isize - 1) as usize),
-                                Border::Zero => usize::try_from(at).ok().filter(|&at| at < n),
+                                Border::Replicate => Some(coordinate.clamp(0, n as isize - 1) as usize),
+                                Border::Zero => usize::try_from(coordinate).ok().filter(|&index| index < n),
                             }
                         };
                         if let (Some(v0), Some(u0)) = (place(row, v, x.height), place(column, u, x.width)) {

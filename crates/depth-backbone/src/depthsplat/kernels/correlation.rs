@@ -120,16 +120,16 @@ impl<'a> Correlation<'a> {
             let mut last = (None, [0.0; 4]);
             for (&candidate, out) in candidates.iter().zip(&mut *out) {
                 let position = pairing.on_ray(ray, candidate);
-                let Some((at, right, down)) = cell(position, self.features.width, self.features.height)
+                let Some((corner, right, down)) = cell(position, self.features.width, self.features.height)
                 else {
                     continue;
                 };
-                if last.0 != Some(at) {
-                    let products = self.around(pairing.other, at).map(|other| match other {
+                if last.0 != Some(corner) {
+                    let products = self.around(pairing.other, corner).map(|other| match other {
                         Some(other) => dot(isa, mine, other),
                         None => 0.0,
                     });
-                    last = (Some(at), products);
+                    last = (Some(corner), products);
                 }
                 let weights = weights(right, down);
                 let sum: f32 = last.1.iter().zip(weights).map(|(product, weight)| product * weight).sum();
@@ -141,8 +141,8 @@ impl<'a> Correlation<'a> {
     /// The other view's features at a position, interpolated, as they enter the volume.
     pub(in crate::depthsplat) fn warped(&self, view: usize, position: [f64; 2]) -> Vec<f32> {
         let mut out = vec![0.0; self.features.channels];
-        if let Some((at, right, down)) = cell(position, self.features.width, self.features.height) {
-            for (pixel, weight) in self.around(view, at).into_iter().zip(weights(right, down)) {
+        if let Some((corner, right, down)) = cell(position, self.features.width, self.features.height) {
+            for (pixel, weight) in self.around(view, corner).into_iter().zip(weights(right, down)) {
                 for (out, value) in out.iter_mut().zip(pixel.unwrap_or(&[])) {
                     *out += weight * value;
                 }
@@ -173,9 +173,9 @@ mod tests {
                 (0..views).filter(|&j| j != i).map(other).collect()
             })
             .collect();
-        let own: Vec<f32> =
+        let all_candidates: Vec<f32> =
             (0..views * height * width * count).map(|i| 0.1 + (i % 23) as f32 * 0.2).collect();
-        for candidates in [&own[..views * count], &own] {
+        for candidates in [&all_candidates[..views * count], &all_candidates] {
             let correlation = Correlation { features, pairings: &pairings, candidates, count };
             let volume = correlation.volume();
             let mut outside = 0;

@@ -9,9 +9,9 @@ use rayon::prelude::*;
 fn axis(input: usize, output: usize) -> Vec<(usize, usize, f32)> {
     let step = if output > 1 { (input - 1) as f32 / (output - 1) as f32 } else { 0.0 };
     let position = |i: usize| {
-        let at = i as f32 * step;
-        let first = (at.floor() as usize).min(input - 1);
-        (first, (first + 1).min(input - 1), at - first as f32)
+        let coordinate = i as f32 * step;
+        let first = (coordinate.floor() as usize).min(input - 1);
+        (first, (first + 1).min(input - 1), coordinate - first as f32)
     };
     (0..output).map(position).collect()
 }
@@ -82,10 +82,10 @@ mod tests {
             (0..y.len()).map(|i| (i / 2 / width / height, i / 2 / width % height, i / 2 % width, i % 2))
         {
             let (row, column) = (v as f64 * 2.0 / 6.0, u as f64 * 3.0 / 4.0);
-            let at = |a: usize, b: usize| f64::from(x.pixel(image, a.min(2), b.min(3))[c]);
+            let sample = |a: usize, b: usize| f64::from(x.pixel(image, a.min(2), b.min(3))[c]);
             let (a, b, p, q) = (row as usize, column as usize, row.fract(), column.fract());
-            let expected = (at(a, b) * (1.0 - q) + at(a, b + 1) * q) * (1.0 - p)
-                + (at(a + 1, b) * (1.0 - q) + at(a + 1, b + 1) * q) * p;
+            let expected = (sample(a, b) * (1.0 - q) + sample(a, b + 1) * q) * (1.0 - p)
+                + (sample(a + 1, b) * (1.0 - q) + sample(a + 1, b + 1) * q) * p;
             let found = f64::from(y[((image * height + v) * width + u) * 2 + c]);
             assert!((found - expected).abs() < 1e-6, "({v}, {u}): {found}, not {expected}");
         }

@@ -165,8 +165,8 @@ impl WithSimd for Inputs<'_> {
                         simd.sub_f32s(b, d1),
                     ];
                     for (u, value) in transformed.into_iter().enumerate() {
-                        let at = t * x.channels + (4 * v + u) * stride + c;
-                        store(simd, &mut out[at..at + live], value);
+                        let start = t * x.channels + (4 * v + u) * stride + c;
+                        store(simd, &mut out[start..start + live], value);
                     }
                 }
             }
@@ -266,8 +266,8 @@ impl WithSimd for Outputs<'_> {
                     for (l, value) in pair.into_iter().enumerate() {
                         let (v, u) = (2 * row + k, 2 * column + l);
                         if v < height && u < width {
-                            let at = (v * width + u) * channels + first + c;
-                            store(simd, &mut y[at..at + S::F32_LANES.min(live - c)], value);
+                            let start = (v * width + u) * channels + first + c;
+                            store(simd, &mut y[start..start + S::F32_LANES.min(live - c)], value);
                         }
                     }
                 }

@@ -143,15 +143,15 @@ pub(in crate::depthsplat) fn attention(
         return compose_attention(shape, [q, k, v]);
     }
     let [q_values, k_values, v_values] = [values(q.of)?, values(k.of)?, values(v.of)?];
-    let of = |part: Part<'_>, values| -> Result<Heads<'_>> {
+    let operand = |part: Part<'_>, values| -> Result<Heads<'_>> {
         Ok(Heads { values, stride: part.of.dim(D::Minus1)?, first: part.first, step: part.step })
     };
     let labels =
         shape.labels.map(|(q, k)| Ok::<_, candle_core::Error>((values(q)?, values(k)?))).transpose()?;
     let y = kernels::attend(&kernels::Attention {
-        q: of(q, &q_values)?,
-        k: of(k, &k_values)?,
-        v: of(v, &v_values)?,
+        q: operand(q, &q_values)?,
+        k: operand(k, &k_values)?,
+        v: operand(v, &v_values)?,
         groups,
         queries,
         keys,

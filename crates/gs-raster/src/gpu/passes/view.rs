@@ -30,8 +30,10 @@ impl Gpu {
                     let bound: Vec<_> = arguments
                         .iter()
                         .map(|argument| match argument.as_ref()? {
-                            Argument::Words(of) => {
-                                let row = words.binary_search(&words_of(of, counts)).expect("all words");
+                            Argument::Words(argument_words) => {
+                                let row = words
+                                    .binary_search(&words_of(argument_words, counts))
+                                    .expect("all words");
                                 Some(written.row(row))
                             }
                             Argument::Buffer("geometry") => Some(upload.geometry.whole()),

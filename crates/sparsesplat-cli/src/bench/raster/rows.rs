@@ -154,11 +154,11 @@ mod tests {
         let scene = Gaussians::new(0, vec![0.0; 22], vec![0.0; 6]).unwrap();
         let case = Case { name: "forward", sh_degree: 0, change: |_| {}, gradients: false };
         let stats = RenderStats { visible: 1, intersections: 3, ..RenderStats::default() };
-        let of = |case| bytes(&Job { runner: 0, case, scene: &scene }, &camera, &stats);
+        let traffic = |case| bytes(&Job { runner: 0, case, scene: &scene }, &camera, &stats);
         let forward = 2 * 14 * 4 + 2 * (40 + 3 * 4) + 100 * 16;
-        assert_eq!(of(case), forward);
-        assert_eq!(of(Case { change: |settings| settings.depth = true, ..case }), forward + 100 * 4);
+        assert_eq!(traffic(case), forward);
+        assert_eq!(traffic(Case { change: |settings| settings.depth = true, ..case }), forward + 100 * 4);
         let backward = 2 * 14 * 4 + (40 + 3 * 4) + 100 * 16 + 100 * 12 + 2 * 14 * 4;
-        assert_eq!(of(Case { gradients: true, ..case }), forward + backward);
+        assert_eq!(traffic(Case { gradients: true, ..case }), forward + backward);
     }
 }
