@@ -249,19 +249,8 @@ fn recipes_name_the_commit_of_the_program_wherever_it_runs() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join(".git")).unwrap();
     fs::write(folder.path().join(".git/HEAD"), "0123456789abcdef0123456789abcdef01234567\n").unwrap();
-    let simulate = [
-        "simulate",
-        "--size",
-        "16x16",
-        "--frames",
-        "2",
-        "--samples",
-        "1",
-        "-o",
-        "desk",
-        "--json",
-        "made.json",
-    ];
+    let scene = ["simulate", "--seed", "1", "--kind", "desk", "--size", "16x16", "--frames", "4"];
+    let simulate = [&scene[..], &["--samples", "1", "-o", "desk", "--json", "made.json"]].concat();
     let called = Command::new(env!("CARGO_BIN_EXE_sparsesplat"))
         .args(simulate)
         .current_dir(folder.path())
