@@ -68,12 +68,13 @@ pub enum Error {
         different: usize,
     },
     /// A file does not say how a world was levelled.
-    #[error("{}: no levelling to undo: {problem}; expected the poses.json of a data set that `poses` wrote", path.display())]
+    #[error("{}: no levelling to undo in it, expected the poses.json of a data set that `poses` wrote", path.display())]
     NoLevelling {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        problem: String,
+        #[source]
+        source: LevellingFault,
     },
     /// A program is not on the PATH.
     #[error("{program} is needed {purpose} and is not on the PATH; {install}")]
@@ -152,6 +153,29 @@ pub enum Error {
         doubts: Vec<String>,
         /// What to do.
         advice: String,
+    },
+}
+
+/// What is wrong with the levelling in a file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LevellingFault {
+    /// It is no JSON, or has other keys.
+    #[error(transparent)]
+    Json(#[from] serde_json::Error),
+    /// Its matrix does not rotate.
+    #[error("rotation is {found:?}, expected a rotation matrix")]
+    Rotation {
+        /// Its rows.
+        found: [[f64; 3]; 3],
+    },
+    /// Its origin or scale cannot be divided out.
+    #[error("origin and scale are {origin:?} and {scale}, expected numbers, and a scale above 0")]
+    OriginOrScale {
+        /// Its origin.
+        origin: [f64; 3],
+        /// Its scale.
+        scale: f64,
     },
 }
 

@@ -2,7 +2,7 @@
 
 use crate::engine::Solution;
 use crate::estimate::RECORD;
-use crate::{Error, Result};
+use crate::{Error, LevellingFault, Result};
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -52,19 +52,17 @@ impl Levelling {
         let path = if path.is_dir() { path.join(RECORD) } else { path.to_path_buf() };
         let text = std::fs::read(&path);
         let text = text.map_err(|source| Error::File { action: "read", path: path.clone(), source })?;
-        let wrong = |problem: String| Error::NoLevelling { path: path.clone(), problem };
-        let Record { levelling } = serde_json::from_slice(&text).map_err(|error| wrong(error.to_string()))?;
+        let wrong = |source: LevellingFault| Error::NoLevelling { path: path.clone(), source };
+        let Record { levelling } = serde_json::from_slice(&text).map_err(|error| wrong(error.into()))?;
         let Self { rotation, origin, scale, .. } = levelling;
         let turn = DMat3::from_cols_array_2d(&rotation);
         let is_turn =
             (turn * turn.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-6) && turn.determinant() > 0.0;
         if !is_turn {
-            return Err(wrong(format!("rotation is {rotation:?}, expected a rotation matrix")));
+            return Err(wrong(LevellingFault::Rotation { found: rotation }));
         }
         if !(scale > 0.0 && scale.is_finite() && origin.iter().all(|number| number.is_finite())) {
-            return Err(wrong(format!(
-                "origin and scale are {origin:?} and {scale}, expected numbers, and a scale above 0"
-            )));
+            return Err(wrong(LevellingFault::OriginOrScale { origin, scale }));
         }
         Ok(levelling)
     }

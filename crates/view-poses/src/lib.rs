@@ -24,7 +24,7 @@ mod estimate;
 
 pub use colmap::{Colmap, Mapper};
 pub use engine::{Engine, Pose, Solution, Step, Task};
-pub use error::{Error, Result};
+pub use error::{Error, LevellingFault, Result};
 pub use estimate::{
     Attempt, EngineChoice, Estimate, NotUsed, RECORD, Settings, Source, estimate_poses, is_made_from,
 };

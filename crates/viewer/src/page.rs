@@ -9,6 +9,7 @@ use gs_raster::{
 };
 use gs_scene::{Camera, Gaussians, Intrinsics};
 use gs_shaders::{Drawing, Features, Table, View};
+use html_escape::encode_double_quoted_attribute;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -157,14 +158,14 @@ impl Page<'_> {
     /// # Errors
     /// As [`Page::html`].
     pub fn html_beside(&self, address: &str) -> Result<(String, Vec<u8>)> {
-        let source = format!(" data-source=\"{}\"", escaped(address));
+        let source = format!(" data-source=\"{}\"", encode_double_quoted_attribute(address));
         Ok((self.fill(&source, "")?, packed(self.gaussians, self.precision)))
     }
 
     fn fill(&self, source: &str, scene: &str) -> Result<String> {
         let mut stills = String::new();
         for Still { name, picture } in self.stills {
-            let (name, picture) = (escaped(name), data_url(picture));
+            let (name, picture) = (encode_double_quoted_attribute(name), data_url(picture));
             let _ = write!(
                 stills,
                 "<figure><img src=\"{picture}\" alt=\"{name}\"><figcaption>{name}</figcaption></figure>"
@@ -172,10 +173,10 @@ impl Page<'_> {
         }
         // In JSON a < stands only in texts, where it may be written as an escape; no text can end the script.
         let data = serde_json::to_string(&self.data())?.replace('<', "\\u003c");
-        let title = escaped(self.title);
+        let title = encode_double_quoted_attribute(self.title);
         let script = SCRIPTS.join("\n");
         let values = [
-            ("title", title.as_str()),
+            ("title", title.as_ref()),
             ("style", STYLE),
             ("stills", &stills),
             ("data", &data),
@@ -256,10 +257,6 @@ fn shot_data(shot: &Shot) -> ShotData<'_> {
 
 fn data_url(jpeg: &[u8]) -> String {
     format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg))
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
