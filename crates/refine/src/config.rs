@@ -15,6 +15,9 @@ pub struct Config {
     pub coarse: f32,
     /// How far a step goes.
     pub rates: Rates,
+    /// Steps over which the step sizes rise evenly to their full size. The first steps know two views of all, and the sizes of few gradients;
+    /// in full size they would lose what a head has gained. 0 begins at full size.
+    pub warm_up: usize,
     /// What is left of the step sizes at the end, 0 to 1; they fall along half a cosine.
     pub last_rate: f32,
     /// Decay of the mean of gradients that a step follows, 0 to below 1.
@@ -49,6 +52,7 @@ impl Default for Config {
             views_per_step: 2,
             coarse: 0.0,
             rates: Rates::default(),
+            warm_up: 6,
             last_rate: 0.05,
             momentum: 0.7,
             damping: 2.5,
@@ -144,6 +148,7 @@ impl Config {
                 colour: 0.035,
                 ..Rates::default()
             },
+            warm_up: 0,
             last_rate: 0.45,
             momentum: 0.4,
             loss: Loss { dssim: 0.08, ..Loss::default() },

@@ -7,7 +7,7 @@ use crate::half::{half_size, low_pass};
 use crate::limits::{Limits, row_rates};
 use crate::objective::Objective;
 use crate::poses::Poses;
-use crate::schedule::{Turns, decay};
+use crate::schedule::{Turns, decay, rise};
 use crate::{Config, Error, Exposure, Report, Result, Step, StepRecord, Stopped};
 use cpu_kernels::Isa;
 use gs_raster::{Gradients, Rasterizer, RenderSettings};
@@ -76,7 +76,8 @@ pub fn refine(
         }
         let at_once = config.views_per_step.min(views.len());
         let chosen: Vec<usize> = (0..at_once).map(|_| turns.next()).collect();
-        let loss = work.step(&chosen, decay(progress, config.last_rate), rasterizer)?;
+        let size = rise(report.steps.len() + 1, config.warm_up) * decay(progress, config.last_rate);
+        let loss = work.step(&chosen, size, rasterizer)?;
         report.undone += usize::from(loss.is_none());
         work.spent += begin.elapsed();
         let over = rounds.are_over(chosen.len(), views.len(), work.context_psnr(), config.smallest_gain);

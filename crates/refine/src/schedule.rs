@@ -55,6 +55,11 @@ pub(crate) fn decay(progress: f64, last: f32) -> f32 {
     (last + (1.0 - last) * 0.5 * (1.0 + (PI * progress).cos())) as f32
 }
 
+/// Factor of the size of the `step`-th step, counted from 1: even rise to 1.
+pub(crate) fn rise(step: usize, warm_up: usize) -> f32 {
+    if step < warm_up { step as f32 / warm_up as f32 } else { 1.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -73,6 +78,12 @@ mod tests {
         assert!(rounds(3).windows(2).any(|pair| pair[0] != pair[1]));
         assert!(rounds(3) == rounds(3) && rounds(3) != rounds(4));
         assert_eq!(Turns::new(1, 0).next(), 0);
+    }
+
+    #[test]
+    fn step_sizes_rise_evenly_to_one() {
+        assert_eq!([1, 2, 3, 4, 5].map(|step| rise(step, 4)), [0.25, 0.5, 0.75, 1.0, 1.0]);
+        assert_eq!([rise(1, 0), rise(1, 1), rise(2, 1)], [1.0; 3]);
     }
 
     #[test]

@@ -34,9 +34,9 @@ pub enum Error {
         /// Views asked for.
         views: usize,
     },
-    /// Fewer pictures are there than views are asked for, because some are missing.
+    /// Fewer pictures are there than views are asked for, because some are missing or broken.
     #[error(
-        "{}: {views} views asked for, but of {} frames {} have no picture (missing: {})",
+        "{}: {views} views asked for, but of {} frames {} have no picture that can be read (missing or broken: {})",
         path.display(), present + missing.len(), missing.len(), missing.join(", ")
     )]
     TooFewPictures {

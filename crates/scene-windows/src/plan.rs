@@ -34,6 +34,8 @@ struct Photographs {
     choice: Choice,
     size: Option<(usize, usize)>,
     hint: Option<DepthRange>,
+    /// How many views were selected by their overlap; `None` where somebody named the frames.
+    selected: Option<usize>,
 }
 
 /// Which frames of a data set are used for what: positions in its list.
@@ -122,7 +124,8 @@ impl Plan {
             }
             None => return Err(Error::OnePlace { path: dataset.file.clone(), frames: present.len(), views }),
         };
-        Self::photographs(format!("{}/selection", dataset.name), Arc::clone(dataset), choice, reading)
+        let name = format!("{}/selection", dataset.name);
+        Self::photographs(name, Arc::clone(dataset), choice, Some(views), reading)
     }
 
     /// The window called `key` of an index file.
@@ -275,10 +278,16 @@ impl Plan {
             targets: window.target.iter().copied().filter(held_out).collect(),
             uncovered: None,
         };
-        Self::photographs(window.key.clone(), Arc::clone(dataset), choice, reading)
+        Self::photographs(window.key.clone(), Arc::clone(dataset), choice, None, reading)
     }
 
-    fn photographs(name: String, dataset: Arc<Dataset>, choice: Choice, reading: Reading) -> Result<Self> {
+    fn photographs(
+        name: String,
+        dataset: Arc<Dataset>,
+        choice: Choice,
+        selected: Option<usize>,
+        reading: Reading,
+    ) -> Result<Self> {
         let hint = if reading.depth_hint {
             let depths = dataset.measured_depth()?;
             let depths = depths.ok_or_else(|| Error::NoDepthHint { path: dataset.file.clone() })?;
@@ -288,7 +297,7 @@ impl Plan {
         };
         Ok(Self {
             name,
-            source: Source::Photographs(Photographs { dataset, choice, size: reading.size, hint }),
+            source: Source::Photographs(Photographs { dataset, choice, size: reading.size, hint, selected }),
             memory: None,
         })
     }
@@ -398,6 +407,34 @@ impl Plan {
         }
         let window = self.read(true)?;
         Ok(memory.get_or_init(|| window).clone())
+    }
+
+    /// Loads as [`Plan::load`] does. Where the views were selected by their overlap, a frame whose picture cannot be decoded is left out, as one
+    /// without a picture is, and views are selected anew; [`Plan::ledger`] then names it.
+    ///
+    /// # Errors
+    /// If a file is missing or wrong, and if too few views are left without it.
+    pub fn load_what_is_whole(&mut self, with_targets: bool) -> Result<Window> {
+        loop {
+            let error = match self.load(with_targets) {
+                Ok(window) => return Ok(window),
+                Err(error) => error,
+            };
+            let Some(next) = self.without_broken(&error) else { return Err(error) };
+            *self = next;
+        }
+    }
+
+    /// The plan with views selected anew, if `error` is about a picture that it can do without.
+    fn without_broken(&self, error: &Error) -> Option<Self> {
+        let (Source::Photographs(photographs), Error::Data(error)) = (&self.source, error) else {
+            return None;
+        };
+        let Photographs { dataset, size, hint, selected: Some(views), .. } = photographs else { return None };
+        let dataset = Arc::new(dataset.give_up(error)?);
+        let reading = Reading { format: Some(dataset.format), size: *size, depth_hint: hint.is_some() };
+        let plan = Self::selected(&dataset, *views, reading).ok()?;
+        Some(Self { memory: self.memory.clone(), ..plan })
     }
 
     fn read(&self, with_targets: bool) -> Result<Window> {

@@ -52,7 +52,7 @@ impl Progress {
     }
 
     /// What a data set lists and does not use: the first few, and how many more.
-    fn warn_of_ledger(&self, scene: &str, ledger: &[view_data::Dropped]) {
+    pub(crate) fn warn_of_ledger(&self, scene: &str, ledger: &[view_data::Dropped]) {
         const SHOWN: usize = 5;
         for entry in ledger.iter().take(SHOWN) {
             self.warn(&format!("{scene}: not used: {}: {}", entry.key, entry.reason));

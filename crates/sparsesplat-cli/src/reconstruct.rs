@@ -109,7 +109,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
         None
     };
     let input = poses.as_ref().map_or(&arguments.input, |poses| &poses.folder);
-    let plan = match (&arguments.index, &arguments.window) {
+    let mut plan = match (&arguments.index, &arguments.window) {
         (Some(index), Some(key)) => Plan::window(input, index, key, reading),
         _ => Plan::selection(input, arguments.views, reading),
     }
@@ -129,7 +129,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let device = renders.then(|| UsedDevice::of(&rasterizer));
     progress.warn_of_data(plan.name(), &plan);
     progress.say(describe(Step::Load));
-    let window = plan.load(arguments.report.is_some()).or_input()?;
+    let known = plan.ledger().len();
+    let window = plan.load_what_is_whole(arguments.report.is_some()).or_input()?;
+    progress.warn_of_ledger(plan.name(), &plan.ledger()[known..]);
     let mut on_step = |step| progress.say(describe(step));
     let mut outcome = match arguments.report {
         Some(_) => runner.measure(&window, None, &mut rasterizer, &mut on_step),

@@ -186,10 +186,11 @@ impl Source {
             }
             Self::Path { path, views, reading } => {
                 on_step(Step::Load);
-                let plan = Plan::selection(&path, views, reading)?;
+                let mut plan = Plan::selection(&path, views, reading)?;
                 method.predict.depth_range = plan.depth_range(method.predict.depth_range);
+                let window = plan.load_what_is_whole(false)?;
                 let dropped = plan.ledger().iter().map(|entry| (entry.key.clone(), entry.reason.clone()));
-                Ok((plan.load(false)?, dropped.collect()))
+                Ok((window, dropped.collect()))
             }
         }
     }

@@ -155,7 +155,7 @@ pub enum ImageSource {
         /// How long it is, bytes.
         length: u64,
     },
-    /// The frame is listed, but its picture is not there. Loading it is an error.
+    /// The frame is listed, but its picture is not there, or was given up ([`Dataset::give_up`]). Loading it is an error.
     Missing(PathBuf),
 }
 
@@ -168,7 +168,7 @@ impl ImageSource {
         }
     }
 
-    /// Whether the picture was not there when the data set was opened.
+    /// Whether the picture was not there when the data set was opened, or was given up since.
     #[must_use]
     pub fn is_missing(&self) -> bool {
         matches!(self, Self::Missing(_))
@@ -331,6 +331,18 @@ impl Dataset {
     #[must_use]
     pub fn present(&self) -> Vec<usize> {
         (0..self.frames.len()).filter(|&position| !self.frames[position].image.is_missing()).collect()
+    }
+
+    /// The data set without the picture that loading failed on, as if it were missing; `None` if `error` is about something else. The error
+    /// and its causes become the reason in [`Dataset::dropped`].
+    #[must_use]
+    pub fn give_up(&self, error: &Error) -> Option<Self> {
+        let (Error::Picture { image, .. } | Error::DamagedJpeg { image, .. }) = error else { return None };
+        let mut rest = self.clone();
+        let frame = rest.frames.iter_mut().find(|frame| frame.image == *image)?;
+        frame.image = ImageSource::Missing(image.path().to_path_buf());
+        rest.dropped.push(Dropped::failed(frame.name.clone(), error));
+        Some(rest)
     }
 
     /// The frame at a position.

@@ -1,7 +1,7 @@
 //! From frames to views: decode, undistort, resize, crop, attach depth.
 
 use crate::depth::{Counts, read_depth};
-use crate::picture::{self, check_pixels, read_image};
+use crate::picture::{self, check_pixels};
 use crate::undistort::Undistortion;
 use crate::{Dataset, DepthFile, Error, Frame, Result};
 use glam::DVec2;
@@ -21,7 +21,8 @@ impl Dataset {
     ///
     /// Undistortion keeps the focal lengths and the pixel grid, samples bicubically, and cuts off border lines until
     /// no pixel shows what the lens did not see: an undistorted picture may be some pixels smaller than its file.
-    /// Depth takes the nearest measurement, never a blend of two.
+    /// Depth takes the nearest measurement, never a blend of two. A picture that the data set states the turned size of is turned as its EXIF
+    /// data ask ([`Frame::picture`]).
     ///
     /// # Errors
     /// If a position does not exist, a file is missing, truncated or of a wrong type or shape, a lens model folds
@@ -84,7 +85,7 @@ fn batches(pixels: &[usize]) -> Vec<Range<usize>> {
 
 pub(crate) fn load(frame: &Frame, size: Option<(usize, usize)>) -> Result<View> {
     let invalid = |source| Error::View { frame: frame.name.clone(), source };
-    let image = read_image(&frame.image, &frame.name)?;
+    let image = frame.picture()?;
     let (file_width, file_height) = (image.width(), image.height());
     let Intrinsics { width: stated_width, height: stated_height, .. } = frame.lens.intrinsics;
     let lens = frame.lens.at_size(file_width, file_height).ok_or_else(|| Error::Aspect {

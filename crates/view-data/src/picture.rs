@@ -3,7 +3,8 @@
 use crate::files;
 use crate::{Error, Frame, ImageSource, Result};
 use gs_scene::Image;
-use image::{DynamicImage, ImageError, ImageReader};
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageError, ImageReader};
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
@@ -14,12 +15,14 @@ pub(crate) const MAX_PIXELS: usize = 1 << 27;
 const HEADER: u64 = 1 << 14;
 
 impl Frame {
-    /// Width and height of the picture in its file, pixels, from its header.
+    /// Width and height of [`Frame::picture`], pixels, from the file's header.
     ///
     /// # Errors
     /// If the file is missing, or its header is no picture's.
     pub fn picture_size(&self) -> Result<(usize, usize)> {
-        size(&self.image, &self.name)
+        let (width, height) = size(&self.image, &self.name)?;
+        let turn = self.turn((width, height), || read_bytes(&self.image, &self.name, u64::MAX))?;
+        Ok(if swaps_sides(turn) { (height, width) } else { (width, height) })
     }
 
     /// The picture as its file has it, encoded.
@@ -32,11 +35,41 @@ impl Frame {
 
     /// The picture as its file has it, decoded: in its own size, lens distortion included.
     ///
+    /// Poses belong to the pixels as the file holds them, whatever its EXIF data say. Only where the data set states a size that the picture
+    /// has after a quarter turn, and EXIF asks for that turn, is it made.
+    ///
     /// # Errors
     /// If the file is missing, truncated or damaged.
     pub fn picture(&self) -> Result<Image> {
-        read_image(&self.image, &self.name)
+        let bytes = read_bytes(&self.image, &self.name, u64::MAX)?;
+        let mut decoded = decode(&self.image, &bytes)?;
+        let size = (decoded.width() as usize, decoded.height() as usize);
+        decoded.apply_orientation(self.turn(size, || Ok(bytes))?);
+        rgb(decoded).map_err(|source| Error::View { frame: self.name.clone(), source })
     }
+
+    /// The turn that gives a picture of this size the shape that the data set states.
+    fn turn(
+        &self,
+        (width, height): (usize, usize),
+        bytes: impl FnOnce() -> Result<Vec<u8>>,
+    ) -> Result<Orientation> {
+        let fits = |width, height| self.lens.at_size(width, height).is_some();
+        if fits(width, height) || !fits(height, width) {
+            return Ok(Orientation::NoTransforms);
+        }
+        let reader = ImageReader::new(Cursor::new(bytes()?)).with_guessed_format();
+        let decoder = reader.map_err(ImageError::IoError).and_then(ImageReader::into_decoder);
+        let asked = decoder.and_then(|mut decoder| decoder.orientation());
+        let asked = asked.map_err(|source| Error::Picture { image: self.image.clone(), source })?;
+        Ok(if swaps_sides(asked) { asked } else { Orientation::NoTransforms })
+    }
+}
+
+/// Whether a turned picture is as wide as it was high.
+fn swaps_sides(turn: Orientation) -> bool {
+    use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+    matches!(turn, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
 }
 
 /// The picture's width and height, from its header.
@@ -76,12 +109,11 @@ pub(crate) fn read_bytes(image: &ImageSource, frame: &str, most: u64) -> Result<
 
 /// An RGB picture in 0..1. Greyscale is spread to three channels, 16 bits are divided by 65535, alpha is blended
 /// onto black.
-pub(crate) fn read_image(image: &ImageSource, frame: &str) -> Result<Image> {
-    let decoded = decode(image, &read_bytes(image, frame, u64::MAX)?)?;
+fn rgb(decoded: DynamicImage) -> gs_scene::Result<Image> {
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     let has_alpha = decoded.color().has_alpha();
     let deep = decoded.color().bytes_per_pixel() / decoded.color().channel_count() > 1;
-    let image = if has_alpha {
+    if has_alpha {
         let pixels = decoded.into_rgba32f().into_raw();
         let blend = |p: &[f32]| [p[0] * p[3], p[1] * p[3], p[2] * p[3]];
         Image::new(width, height, pixels.chunks_exact(4).flat_map(blend).collect())
@@ -89,8 +121,7 @@ pub(crate) fn read_image(image: &ImageSource, frame: &str) -> Result<Image> {
         Image::new(width, height, decoded.into_rgb32f().into_raw())
     } else {
         Image::from_rgb8(width, height, decoded.into_rgb8().as_raw())
-    };
-    image.map_err(|source| Error::View { frame: frame.to_owned(), source })
+    }
 }
 
 /// Decodes a PNG or JPEG file, and returns its bytes as well. Orientation and colour profiles are not applied.

@@ -39,6 +39,27 @@ fn a_disturbed_scene_comes_back_in_views_it_was_not_shown() {
     }
 }
 
+/// A user may ask for any number of steps after a head, whose scene is good already.
+#[test]
+fn a_few_steps_lose_nothing_of_a_good_scene() {
+    let all = photographs(&wall(20, 1.0), &cameras(11, (64, 48), 1.0));
+    let (context, held_out): (Vec<_>, Vec<_>) = all.into_iter().enumerate().partition(|(i, _)| i % 2 == 0);
+    let views = |numbered: Vec<(usize, View)>| numbered.into_iter().map(|(_, view)| view).collect::<Vec<_>>();
+    let (context, held_out) = (views(context), views(held_out));
+    // Fewer Gaussians than the truth has: some error always remains.
+    let good = run(&disturbed(&wall(14, 1.0), 1.0), &context, &Config::rounds(4, context.len())).gaussians;
+    let before = quality(&good, &held_out);
+    let after = |steps, warm_up| {
+        let config = Config { stop: Stop::Steps(steps), warm_up, ..Config::default() };
+        quality(&run(&good, &context, &config).gaussians, &held_out)
+    };
+    for steps in 1..=5 {
+        let now = after(steps, Config::default().warm_up);
+        assert!(now > before, "{steps} steps: {now} dB, {before} dB before");
+    }
+    assert!(after(1, 0) < before, "at full size the first step is too large");
+}
+
 #[test]
 fn a_scene_that_is_right_stays_and_stops_early() {
     let truth = wall(10, 1.0);

@@ -86,6 +86,44 @@ fn truncated_pictures() {
     check(cut, &[], &["view-", ".png", "decoded"]);
 }
 
+/// As where pictures are missing: the scene is made of others, and what is left out is told.
+#[test]
+fn chosen_pictures_that_are_broken_are_left_out() {
+    let tiny = Tiny::new();
+    let reconstruct = || tiny.reconstruct(&["--views", "3", "--gaussians", "300", "--depth-range", RANGE]);
+    let chosen = |called: &Called| -> Vec<String> {
+        let line = called.stdout.lines().find(|line| line.starts_with("views ")).unwrap();
+        line.split_once(": ").unwrap().1.split(", ").map(str::to_owned).collect()
+    };
+    let first = chosen(&reconstruct().succeeded());
+    let sound = ["view-04", "view-05", "view-06"];
+    assert!(first.iter().any(|name| !sound.contains(&name.as_str())), "{first:?}");
+    for i in (0..11).filter(|i| !(4..7).contains(i)) {
+        let path = tiny.path(&format!("images/view-{i:02}.png"));
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    }
+    let called = reconstruct().succeeded();
+    let mut next = chosen(&called);
+    next.sort_unstable();
+    assert_eq!(next, sound);
+    let mut told: Vec<&str> = called.stderr.lines().filter(|line| line.contains("decoded")).collect();
+    assert!(told.iter().all(|line| line.contains("not used: view-")), "{}", called.stderr);
+    let warnings = told.len();
+    told.sort_unstable();
+    told.dedup();
+    assert!(warnings > 0 && told.len() == warnings, "{}", called.stderr);
+    // Frames that somebody names are used or refused.
+    let index = tiny.path("evaluation_index.json");
+    let position = |name: &String| name.strip_prefix("view-").unwrap().parse::<usize>().unwrap();
+    let context: Vec<usize> = first.iter().map(position).collect();
+    fs::write(&index, json!({"tiny/0": {"context": context, "target": []}}).to_string()).unwrap();
+    refused(
+        &tiny.reconstruct(&["--index", index.to_str().unwrap(), "--window", "tiny/0"]),
+        &["view-", "decoded"],
+    );
+}
+
 #[test]
 fn files_that_are_not_what_they_should_be() {
     check(

@@ -3,6 +3,8 @@
 use crate::folder::{Folder, chain, pose, three_frames};
 use glam::DVec2;
 use gs_scene::{Intrinsics, View};
+use image::ImageEncoder as _;
+use image::codecs::jpeg::JpegEncoder;
 use image::{GrayAlphaImage, GrayImage, ImageBuffer, Luma, LumaA, Rgb, Rgba, RgbaImage};
 use serde_json::{Value, json};
 use view_data::{Distortion, Error, Lens};
@@ -92,6 +94,43 @@ fn intrinsics_follow_the_size_of_the_file() {
     assert_eq!(*load_one(&folder, None).unwrap().camera().intrinsics(), half);
     folder.picture("0.png", 48, 64);
     check_error(&folder, None, "0.png: picture is 48x64, but the intrinsics are for 64x48");
+}
+
+/// A JPEG with a light left half, 64x48, whose EXIF data ask for a turn: EXIF's number of the orientation.
+fn write_turned(folder: &Folder, orientation: u8) {
+    let mut exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
+    exif.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+    let picture = GrayImage::from_fn(64, 48, |x, _| Luma([if x < 32 { 230 } else { 20 }]));
+    let mut bytes = Vec::new();
+    let mut encoder = JpegEncoder::new(&mut bytes);
+    encoder.set_exif_metadata(exif).unwrap();
+    picture.write_with_encoder(encoder).unwrap();
+    std::fs::write(folder.path("0.png"), bytes).unwrap();
+}
+
+#[test]
+fn exif_turns_a_picture_only_into_the_shape_that_is_stated() {
+    let stored = one_frame(&json!({}));
+    let upright = one_frame(&json!({"w": 48, "h": 64, "cx": 25.0, "cy": 31.0}));
+    for orientation in 1..=8 {
+        write_turned(&stored, orientation);
+        let view = load_one(&stored, None).unwrap();
+        assert_eq!((view.image().width(), view.image().height()), (64, 48));
+        assert!(view.image().pixel(3, 20)[0] > 0.8 && view.image().pixel(60, 20)[0] < 0.2);
+        assert_eq!(stored.open().unwrap().frames[0].picture_size().unwrap(), (64, 48));
+
+        write_turned(&upright, orientation);
+        if orientation < 5 {
+            check_error(&upright, None, "0.png: picture is 64x48, but the intrinsics are for 48x64");
+            continue;
+        }
+        let view = load_one(&upright, None).unwrap();
+        assert_eq!((view.image().width(), view.image().height()), (48, 64));
+        assert_eq!(upright.open().unwrap().frames[0].picture_size().unwrap(), (48, 64));
+        // The stored left side becomes the upper one with 5 and 6, the lower one with 7 and 8.
+        let (upper, lower) = (view.image().pixel(20, 3)[0], view.image().pixel(20, 60)[0]);
+        assert!(if orientation < 7 { upper > 0.8 && lower < 0.2 } else { lower > 0.8 && upper < 0.2 });
+    }
 }
 
 /// Colours that are linear in the pixel position tell where in the source a pixel was sampled.
