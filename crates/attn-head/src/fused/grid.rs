@@ -30,6 +30,7 @@ pub(super) struct Sent(Vec<f32>);
 impl<'a> Message<'a> for Grid<'a> {
     const SHOWN: usize = SHOWN;
     const LOOKS: bool = false;
+    const READS_OWN: bool = false;
     type Work = ();
     type Sent = Sent;
 
@@ -62,9 +63,9 @@ impl<'a> Message<'a> for Grid<'a> {
         sums: &mut Sums<'_>,
         (): &mut (),
     ) {
-        let grad = Rows::new(grad, anchors.count(), WIDTH);
+        let grad = Rows::new(grad, anchors.count, WIDTH);
         self.join.weight_gradient(means(anchors), grad, sums);
-        zero(&mut sent.0, anchors.count() * SHOWN);
+        zero(&mut sent.0, anchors.count * SHOWN);
         self.join.input_gradient(grad, &mut sent.0);
     }
 
@@ -85,7 +86,7 @@ impl<'a> Message<'a> for Grid<'a> {
         (): &mut (),
     ) {
         let Sent(grad) = kept.sent_by(anchors.first);
-        let grad = Rows::new(grad, anchors.count(), SHOWN);
+        let grad = Rows::new(grad, anchors.count, SHOWN);
         self.cell.weight_gradient(anchors.h(), grad, sums);
         self.cell.input_gradient(grad, grad_h);
     }
@@ -93,8 +94,8 @@ impl<'a> Message<'a> for Grid<'a> {
 
 /// The means that a block sees.
 fn means(anchors: Anchors<'_>) -> Rows<'_> {
-    let shown = &anchors.all.shown[anchors.first * SHOWN..][..anchors.count() * SHOWN];
-    Rows::new(shown, anchors.count(), SHOWN)
+    let shown = &anchors.all.shown[anchors.first * SHOWN..][..anchors.count * SHOWN];
+    Rows::new(shown, anchors.count, SHOWN)
 }
 
 /// Replaces rows `[n, SHOWN]` by their means over each anchor's fine and coarse cell. Anchors are summed in their order.

@@ -5,7 +5,7 @@ use super::message::{All, Anchors, Kept, Message, resize, rows, zero};
 use super::norm::Norm;
 use super::perceptron::{Hidden, Perceptron};
 use super::sums::Sums;
-use crate::Layout;
+use crate::{Layout, WIDTH};
 use cpu_kernels::{Activation, Isa};
 
 /// Parameters of a layer, ready for products.
@@ -49,6 +49,11 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
         h
     }
 
+    /// What the message needs of the anchors' own features.
+    fn own<'h>(&self, x: &[f32], h: &'h mut Vec<f32>) -> &'h [f32] {
+        if M::READS_OWN { self.normalised(x, h) } else { &[] }
+    }
+
     /// Replaces the rows of a block by the layer's output.
     pub(super) fn forward(
         &self,
@@ -57,7 +62,7 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
         maxima: Option<&mut Maxima>,
         work: &mut Workspace<M::Work>,
     ) {
-        let anchors = Anchors { all, first, h: self.normalised(x, &mut work.h) };
+        let anchors = Anchors { all, first, count: x.len() / WIDTH, h: self.own(x, &mut work.h) };
         self.message.add(anchors, x, maxima, &mut work.message);
         resize(&mut work.normal, x.len());
         self.norm2.apply(x, &mut work.normal);
@@ -75,7 +80,7 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
         work: &mut Workspace<M::Work>,
     ) {
         let Workspace { h, residual, normal, grad_normal, hidden, message } = work;
-        let anchors = Anchors { all, first, h: self.normalised(x, h) };
+        let anchors = Anchors { all, first, count: x.len() / WIDTH, h: self.own(x, h) };
         residual.clear();
         residual.extend_from_slice(x);
         self.message.add_again(anchors, residual, maxima, message);
@@ -86,7 +91,9 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
         self.norm2.backward(residual, grad_normal, grad, sums);
         zero(grad_normal, x.len());
         self.message.backward(anchors, maxima, grad, grad_normal, sent, sums, message);
-        self.norm1.backward(x, grad_normal, grad, sums);
+        if M::READS_OWN {
+            self.norm1.backward(x, grad_normal, grad, sums);
+        }
     }
 
     /// Adds to the gradient of the input of rows what comes through what they show.
@@ -100,7 +107,7 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
         work: &mut Workspace<M::Work>,
     ) {
         let Workspace { h, grad_normal, message, .. } = work;
-        let anchors = Anchors { all, first, h: self.normalised(x, h) };
+        let anchors = Anchors { all, first, count: x.len() / WIDTH, h: self.normalised(x, h) };
         zero(grad_normal, x.len());
         self.message.shown_backward(anchors, kept, grad_normal, sums, message);
         self.norm1.backward(x, grad_normal, grad, sums);

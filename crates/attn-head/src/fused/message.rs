@@ -23,15 +23,12 @@ pub(super) struct All<'a> {
 pub(super) struct Anchors<'a> {
     pub(super) all: All<'a>,
     pub(super) first: usize,
-    /// Their normalised features.
+    pub(super) count: usize,
+    /// Their normalised features; empty where [`Message::READS_OWN`] is false and nothing is shown.
     pub(super) h: &'a [f32],
 }
 
 impl<'a> Anchors<'a> {
-    pub(super) fn count(&self) -> usize {
-        self.h.len() / WIDTH
-    }
-
     pub(super) fn h(&self) -> Rows<'a> {
         rows(self.h)
     }
@@ -88,6 +85,9 @@ pub(super) trait Message<'a>: Sized + Sync {
 
     /// Whether anchors look at their neighbours.
     const LOOKS: bool = true;
+
+    /// Whether a message depends on the anchor's own features but for what it shows.
+    const READS_OWN: bool = true;
 
     /// Replaces what all anchors show by what others see of it. The default leaves it unchanged.
     fn share(_inputs: &Inputs<'_>, _shown: &mut [f32]) {}

@@ -71,10 +71,10 @@ impl<'a> Message<'a> for Mlp<'a> {
         Work { joined: x, grad_joined, hidden, .. }: &mut Work,
     ) {
         zero(grad_joined, x.len());
-        let grad = Rows::new(grad, anchors.count(), WIDTH);
+        let grad = Rows::new(grad, anchors.count, WIDTH);
         self.mix.backward(joined(anchors, x), grad, grad_joined, sums, hidden);
         sent.0.clear();
-        sent.0.reserve_exact(anchors.count() * anchors.all.inputs.k);
+        sent.0.reserve_exact(anchors.count * anchors.all.inputs.k);
         for (row, grad_h) in joined(anchors, grad_joined).iter().zip(grad_h.chunks_exact_mut(WIDTH)) {
             let (grad_features, heard) = row.split_at(WIDTH);
             grad_h.iter_mut().zip(grad_features).for_each(|(sum, v)| *sum += v);
@@ -99,14 +99,14 @@ impl<'a> Message<'a> for Mlp<'a> {
     ) {
         let Some([other, _]) = &self.pair else { return };
         grad_other.clear();
-        grad_other.resize(anchors.count(), [0.0; MESSAGE]);
+        grad_other.resize(anchors.count, [0.0; MESSAGE]);
         for (j, sum) in (anchors.first..).zip(&mut *grad_other) {
             for (i, place) in kept.lookers.others(j) {
                 let heard = &kept.sent_by(i).0[i % BLOCK * kept.lookers.k + place - 1];
                 sum.iter_mut().zip(heard).for_each(|(sum, v)| *sum += v);
             }
         }
-        let grad_other = Rows::new(grad_other.as_flattened(), anchors.count(), MESSAGE);
+        let grad_other = Rows::new(grad_other.as_flattened(), anchors.count, MESSAGE);
         other.weight_gradient(anchors.h(), grad_other, sums);
         other.input_gradient(grad_other, grad_h);
     }
@@ -117,7 +117,7 @@ impl Mlp<'_> {
     fn join(&self, anchors: Anchors<'_>, joined: &mut Vec<f32>) {
         let k = anchors.all.inputs.k;
         let width = WIDTH + k * MESSAGE;
-        resize(joined, anchors.count() * width);
+        resize(joined, anchors.count * width);
         let shown: &[Heard] = anchors.all.shown.as_chunks().0;
         for (row, (joined, h)) in joined.chunks_exact_mut(width).zip(anchors.h().iter()).enumerate() {
             let (features, heard) = joined.split_at_mut(WIDTH);
@@ -135,5 +135,5 @@ impl Mlp<'_> {
 }
 
 fn joined<'v>(anchors: Anchors<'_>, values: &'v [f32]) -> Rows<'v> {
-    Rows::new(values, anchors.count(), WIDTH + anchors.all.inputs.k * MESSAGE)
+    Rows::new(values, anchors.count, WIDTH + anchors.all.inputs.k * MESSAGE)
 }

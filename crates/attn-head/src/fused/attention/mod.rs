@@ -125,7 +125,7 @@ impl<'a> Message<'a> for Attention<'a> {
         for part in [&mut work.up, &mut work.gathered] {
             resize(part, HEADS * size);
         }
-        resize(&mut work.alphas, anchors.count() * (anchors.all.inputs.k + 1));
+        resize(&mut work.alphas, anchors.count * (anchors.all.inputs.k + 1));
         self.query.apply(anchors.h(), &mut work.query, WIDTH);
         work.query.iter_mut().for_each(|q| *q *= SCALE);
         self.go_up(&work.query, &mut work.up);
@@ -194,9 +194,9 @@ impl<'a> Message<'a> for Attention<'a> {
         work: &mut Work,
     ) {
         let grad_shown = &mut work.grad_shown;
-        resize(grad_shown, anchors.count() * Self::SHOWN);
+        resize(grad_shown, anchors.count * Self::SHOWN);
         gather::gather(self.isa, kept, anchors.first, grad_shown.as_chunks_mut().0);
-        let both = Rows::new(grad_shown, anchors.count(), Self::SHOWN);
+        let both = Rows::new(grad_shown, anchors.count, Self::SHOWN);
         for (part, linear) in [&self.key, &self.value].into_iter().enumerate() {
             let grad_out = both.columns(part * WIDTH, WIDTH);
             linear.weight_gradient(anchors.h(), grad_out, sums);

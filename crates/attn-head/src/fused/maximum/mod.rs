@@ -79,7 +79,7 @@ impl<'a> Maximum<'a> {
 
     /// The maxima of a block, left in `work`, and recorded if asked for.
     pub(super) fn run(&self, anchors: Anchors<'_>, mut record: Option<&mut Maxima>, work: &mut Work) {
-        let (count, per_anchor) = (anchors.count(), anchors.all.inputs.k + 1);
+        let (count, per_anchor) = (anchors.count, anchors.all.inputs.k + 1);
         let pairs = self.pairs(anchors.all);
         if let Some(record) = &mut record {
             record.clear();
