@@ -12,9 +12,9 @@ const MARK: i32 = 8;
 /// The same of a piece of a line, and how far these are apart.
 const PIECE: i32 = 3;
 /// Distances between a point and its name that are tried, pixels.
-const GAPS: [i32; 8] = [9, 14, 20, 30, 42, 56, 72, 90];
-/// How much worse than a hidden piece of a line a line through a name is.
-const CROSSED: i64 = 50;
+const GAPS: [i32; 10] = [9, 14, 20, 30, 42, 56, 72, 90, 110, 132];
+/// How much worse a name that cannot be read is than a hidden piece of a line.
+const UNREADABLE: i64 = 50;
 /// From here on a line leads to the name.
 const FAR: i32 = 20;
 
@@ -47,11 +47,12 @@ pub fn place(names: &[(&str, (i32, i32))], lines: &[Vec<(i32, i32)>], bounds: Re
             let outside =
                 text[0] < bounds[0] || text[1] < bounds[1] || text[2] > bounds[2] || text[3] > bounds[3];
             let hidden: i64 = taken.iter().map(|other| overlap(text, *other)).sum();
+            let written_over: i64 = texts.iter().map(|other| overlap(text, *other)).sum();
             let along = leader(gap, corner).into_iter().flat_map(|(dx, dy)| pieces((x, y), (x + dx, y + dy)));
             let crossed: i64 = along
                 .flat_map(|point| texts.iter().map(move |text| overlap(around_point(1)(point), *text)))
                 .sum();
-            hidden + CROSSED * crossed + if outside { 1_000_000 } else { 0 }
+            hidden + UNREADABLE * (written_over + crossed) + if outside { 1_000_000 } else { 0 }
         };
         // The first of equals: the nearest.
         let Some((gap, corner)) = candidates.min_by_key(cost) else { continue };
@@ -59,7 +60,6 @@ pub fn place(names: &[(&str, (i32, i32))], lines: &[Vec<(i32, i32)>], bounds: Re
         taken.extend(
             leader.into_iter().flat_map(|(dx, dy)| pieces((x, y), (x + dx, y + dy))).map(around_point(PIECE)),
         );
-        taken.push(text(corner));
         texts.push(text(corner));
         all.push(Placed { corner, leader });
     }
@@ -73,18 +73,27 @@ fn pieces(from: (i32, i32), to: (i32, i32)) -> impl Iterator<Item = (i32, i32)> 
     (1..n).map(move |i| (from.0 + dx * i / n, from.1 + dy * i / n))
 }
 
-/// Corners of a text around a point, so far away.
-fn around(gap: i32, width: i32) -> [(i32, i32); 8] {
-    let (middle, slant) = (-HEIGHT / 2, gap * 7 / 10);
+/// Corners of a text around a point, so far away: beside, above and below it, then in between.
+fn around(gap: i32, width: i32) -> [(i32, i32); 16] {
+    let (middle, slant, flat) = (-HEIGHT / 2, gap * 7 / 10, gap * 4 / 10);
+    let (left, above) = (|by: i32| -by - width, |by: i32| -by - HEIGHT);
     [
         (gap, middle),
-        (slant, -slant - HEIGHT),
+        (slant, above(slant)),
         (slant, slant),
-        (-gap - width, middle),
-        (-slant - width, -slant - HEIGHT),
-        (-slant - width, slant),
-        (-width / 2, -gap - HEIGHT),
+        (left(gap), middle),
+        (left(slant), above(slant)),
+        (left(slant), slant),
+        (-width / 2, above(gap)),
         (-width / 2, gap),
+        (gap, above(flat)),
+        (gap, flat),
+        (left(gap), above(flat)),
+        (left(gap), flat),
+        (flat, above(gap)),
+        (flat, gap),
+        (left(flat), above(gap)),
+        (left(flat), gap),
     ]
 }
 
