@@ -96,17 +96,16 @@ fn chosen_pictures_that_are_broken_are_left_out() {
         line.split_once(": ").unwrap().1.split(", ").map(str::to_owned).collect()
     };
     let first = chosen(&reconstruct().succeeded());
-    let sound = ["view-04", "view-05", "view-06"];
-    assert!(first.iter().any(|name| !sound.contains(&name.as_str())), "{first:?}");
-    for i in (0..11).filter(|i| !(4..7).contains(i)) {
-        let path = tiny.path(&format!("images/view-{i:02}.png"));
+    let broken = &first[..2];
+    for name in broken {
+        let path = tiny.path(&format!("images/{name}.png"));
         let bytes = fs::read(&path).unwrap();
         fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
     }
     let called = reconstruct().succeeded();
-    let mut next = chosen(&called);
-    next.sort_unstable();
-    assert_eq!(next, sound);
+    let next = chosen(&called);
+    assert_eq!(next.len(), 3);
+    assert!(next.iter().all(|name| !broken.contains(name)), "{next:?}");
     let mut told: Vec<&str> = called.stderr.lines().filter(|line| line.contains("decoded")).collect();
     assert!(told.iter().all(|line| line.contains("not used: view-")), "{}", called.stderr);
     let warnings = told.len();
@@ -117,7 +116,8 @@ fn chosen_pictures_that_are_broken_are_left_out() {
     let index = tiny.path("evaluation_index.json");
     let position = |name: &String| name.strip_prefix("view-").unwrap().parse::<usize>().unwrap();
     let context: Vec<usize> = first.iter().map(position).collect();
-    fs::write(&index, json!({"tiny/0": {"context": context, "target": []}}).to_string()).unwrap();
+    let target: Vec<usize> = (0..11).filter(|i| !context.contains(i)).collect();
+    fs::write(&index, json!({"tiny/0": {"context": context, "target": target}}).to_string()).unwrap();
     refused(
         &tiny.reconstruct(&["--index", index.to_str().unwrap(), "--window", "tiny/0"]),
         &["view-", "decoded"],
