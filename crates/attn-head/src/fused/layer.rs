@@ -50,7 +50,7 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
     }
 
     /// What the message needs of the anchors' own features.
-    fn own<'h>(&self, x: &[f32], h: &'h mut Vec<f32>) -> &'h [f32] {
+    fn own_features<'h>(&self, x: &[f32], h: &'h mut Vec<f32>) -> &'h [f32] {
         if M::READS_OWN { self.normalised(x, h) } else { &[] }
     }
 
@@ -62,7 +62,7 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
         maxima: Option<&mut Maxima>,
         work: &mut Workspace<M::Work>,
     ) {
-        let anchors = Anchors { all, first, count: x.len() / WIDTH, h: self.own(x, &mut work.h) };
+        let anchors = Anchors { all, first, count: x.len() / WIDTH, h: self.own_features(x, &mut work.h) };
         self.message.add(anchors, x, maxima, &mut work.message);
         resize(&mut work.normal, x.len());
         self.norm2.apply(x, &mut work.normal);
@@ -80,7 +80,7 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
         work: &mut Workspace<M::Work>,
     ) {
         let Workspace { h, residual, normal, grad_normal, hidden, message } = work;
-        let anchors = Anchors { all, first, count: x.len() / WIDTH, h: self.own(x, h) };
+        let anchors = Anchors { all, first, count: x.len() / WIDTH, h: self.own_features(x, h) };
         residual.clear();
         residual.extend_from_slice(x);
         self.message.add_again(anchors, residual, maxima, message);

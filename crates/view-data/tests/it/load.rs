@@ -100,6 +100,10 @@ fn intrinsics_follow_the_size_of_the_file() {
 fn write_turned(folder: &Folder, orientation: u8) {
     let mut exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
     exif.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+    write_with_exif(folder, exif);
+}
+
+fn write_with_exif(folder: &Folder, exif: Vec<u8>) {
     let picture = GrayImage::from_fn(64, 48, |x, _| Luma([if x < 32 { 230 } else { 20 }]));
     let mut bytes = Vec::new();
     let mut encoder = JpegEncoder::new(&mut bytes);
@@ -131,6 +135,18 @@ fn exif_turns_a_picture_only_into_the_shape_that_is_stated() {
         let (upper, lower) = (view.image().pixel(20, 3)[0], view.image().pixel(20, 60)[0]);
         assert!(if orientation < 7 { upper > 0.8 && lower < 0.2 } else { lower > 0.8 && upper < 0.2 });
     }
+}
+
+#[test]
+fn exif_data_that_say_nothing_turn_nothing() {
+    let upright = one_frame(&json!({"w": 48, "h": 64, "cx": 25.0, "cy": 31.0}));
+    for orientation in [0, 9, 255] {
+        write_turned(&upright, orientation);
+        check_error(&upright, None, "0.png: picture is 64x48, but the intrinsics are for 48x64");
+    }
+    // A block that ends within its directory.
+    write_with_exif(&upright, b"II*\0\x08\0\0\0\x01\0\x12".to_vec());
+    check_error(&upright, None, "0.png: picture is 64x48, but the intrinsics are for 48x64");
 }
 
 /// Colours that are linear in the pixel position tell where in the source a pixel was sampled.
