@@ -1,6 +1,6 @@
 //! Which pixels the views confirm.
 
-use crate::consistency::{Witness, agree};
+use crate::consistency::{Tolerance, Witness, agree};
 use crate::plane_sweep::{Matched, witness_views, witnesses};
 use crate::range::Planes;
 use rayon::prelude::*;
@@ -79,11 +79,12 @@ fn disagreeing<'a>(
         .map(|other| &agreed[other])
         .zip(witnesses(index, matched, inverse_depths, planes))
         .collect();
-    let width = matched[index].texture.width;
+    let (width, tolerance) = (matched[index].texture.width, Tolerance::of(planes));
     move |pixel| {
         let (u, v) = ((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
         let w = inverse_depths[index][pixel];
-        let weight = |(agreed, witness): &(&Vec<(u8, f32)>, Witness)| match witness.order(u, v, w, planes) {
+        let weight = |(agreed, witness): &(&Vec<(u8, f32)>, Witness)| match witness.order(u, v, w, tolerance)
+        {
             Some((pixel, Ordering::Less)) if agreed[pixel].0 > 0 => HIDDEN,
             Some((_, Ordering::Less | Ordering::Greater)) => 1.0,
             Some((_, Ordering::Equal)) | None => 0.0,

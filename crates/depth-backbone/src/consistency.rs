@@ -15,6 +15,22 @@ const FLOATING_DIFFERENCE: f32 = 0.1;
 /// Mean colour difference above which any point is dropped.
 const WRONG_DIFFERENCE: f32 = 0.2;
 
+/// How far two inverse depths of one surface may be apart.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tolerance {
+    /// Part of the inverse depth …
+    pub(crate) relative: f32,
+    /// … or this, whichever is more.
+    pub(crate) least: f32,
+}
+
+impl Tolerance {
+    /// Of stereo with these planes.
+    pub(crate) fn of(planes: &Planes) -> Self {
+        Self { relative: RELATIVE_TOLERANCE, least: STEP_TOLERANCE * planes.step() }
+    }
+}
+
 /// What one view says of a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Opinion {
@@ -22,8 +38,8 @@ pub(crate) enum Opinion {
     Unseen,
     /// Behind its surface: hidden from it.
     Hidden,
-    /// On its surface; the inverse depth that the other view gives the point, seen from this one.
-    Agrees(f32),
+    /// On its surface, at a pixel of it; the inverse depth that the other view gives the point, seen from this one.
+    Agrees { pixel: usize, inverse_depth: f32 },
     /// Before its surface: the other view looks through it.
     Floats,
 }
@@ -69,10 +85,10 @@ impl<'a> Witness<'a> {
 
     /// The pixel of the other view that sees the point at (u, v) with inverse depth `w`, and whether the point is nearer than the surface
     /// there (`Greater`), farther, or on it; none if it is not in the picture.
-    pub(crate) fn order(&self, u: f32, v: f32, w: f32, planes: &Planes) -> Option<(usize, Ordering)> {
+    pub(crate) fn order(&self, u: f32, v: f32, w: f32, tolerance: Tolerance) -> Option<(usize, Ordering)> {
         let (x, y, seen) = self.pixel(u, v, w)?;
         let pixel = y * self.width + x;
-        Some((pixel, self.compare(pixel, seen, planes)))
+        Some((pixel, self.compare(pixel, seen, tolerance)))
     }
 
     /// Colour of a pixel of the other view.
@@ -81,27 +97,31 @@ impl<'a> Witness<'a> {
     }
 
     /// What the other view says of the point at (u, v) with inverse depth `w`.
-    pub(crate) fn opinion(&self, u: f32, v: f32, w: f32, planes: &Planes) -> Opinion {
+    pub(crate) fn opinion(&self, u: f32, v: f32, w: f32, tolerance: Tolerance) -> Opinion {
         let Some((x, y, seen)) = self.pixel(u, v, w) else {
             return Opinion::Unseen;
         };
-        match self.compare(y * self.width + x, seen, planes) {
+        let pixel = y * self.width + x;
+        match self.compare(pixel, seen, tolerance) {
             Ordering::Greater => Opinion::Floats,
             Ordering::Less => Opinion::Hidden,
             Ordering::Equal => {
                 // The other surface at this pixel is locally parallel to the point's: shift the point, not the pixel.
-                let inverse_depth = self.inverse_depth[y * self.width + x];
+                let inverse_depth = self.inverse_depth[pixel];
                 let h = self.from.project(x as f32 + 0.5, y as f32 + 0.5, inverse_depth);
                 let back = inverse_depth / h.z;
-                Opinion::Agrees(if back.is_finite() && back > 0.0 { back } else { w })
+                Opinion::Agrees {
+                    pixel,
+                    inverse_depth: if back.is_finite() && back > 0.0 { back } else { w },
+                }
             }
         }
     }
 
     /// Whether a point that a pixel of the other view sees at inverse depth `seen` is nearer than the surface there, farther, or on it.
-    fn compare(&self, pixel: usize, seen: f32, planes: &Planes) -> Ordering {
+    fn compare(&self, pixel: usize, seen: f32, tolerance: Tolerance) -> Ordering {
         let inverse_depth = self.inverse_depth[pixel];
-        let tolerance = (RELATIVE_TOLERANCE * seen).max(STEP_TOLERANCE * planes.step());
+        let tolerance = (tolerance.relative * seen).max(tolerance.least);
         if seen > inverse_depth + tolerance {
             Ordering::Greater
         } else if seen < inverse_depth - tolerance {
@@ -119,14 +139,14 @@ pub(crate) fn agree(
     witnesses: &[Witness],
     planes: &Planes,
 ) -> Vec<(u8, f32)> {
-    let width = view.camera().width();
+    let (width, tolerance) = (view.camera().width(), Tolerance::of(planes));
     let judge = |(i, &w): (usize, &f32)| {
         let (u, v) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
         let (mut count, mut sum) = (0_u8, w);
         for witness in witnesses {
-            if let Opinion::Agrees(theirs) = witness.opinion(u, v, w, planes) {
+            if let Opinion::Agrees { inverse_depth, .. } = witness.opinion(u, v, w, tolerance) {
                 count = count.saturating_add(1);
-                sum += theirs;
+                sum += inverse_depth;
             }
         }
         (count, sum / (1.0 + f32::from(count)))
@@ -142,7 +162,7 @@ pub(crate) fn contradicted(
     witnesses: &[Witness],
     planes: &Planes,
 ) -> Vec<bool> {
-    let width = view.camera().width();
+    let (width, tolerance) = (view.camera().width(), Tolerance::of(planes));
     let judge = |differences: &mut Vec<f32>, (i, &w): (usize, &f32)| {
         let (x, y) = (i % width, i / width);
         let (u, v) = (x as f32 + 0.5, y as f32 + 0.5);
@@ -150,7 +170,7 @@ pub(crate) fn contradicted(
         let mut floats = false;
         differences.clear();
         for witness in witnesses {
-            let Some((pixel, order)) = witness.order(u, v, w, planes) else { continue };
+            let Some((pixel, order)) = witness.order(u, v, w, tolerance) else { continue };
             if order == Ordering::Less {
                 continue;
             }

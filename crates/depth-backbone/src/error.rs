@@ -47,6 +47,24 @@ pub enum Error {
         /// What the features say that they are.
         schema: String,
     },
+    /// Not one geometry for each view.
+    #[error("{geometry} depth maps for {views} views, expected as many")]
+    ViewCount {
+        /// Number of views.
+        views: usize,
+        /// Number of their geometries.
+        geometry: usize,
+    },
+    /// Depth or confidence of another size than the view.
+    #[error("view {view}: depth is {}x{} or its confidence has another size, expected {}x{}", found.0, found.1, expected.0, expected.1)]
+    GeometrySize {
+        /// Name of the view.
+        view: String,
+        /// Width and height of the view.
+        expected: (usize, usize),
+        /// Width and height of the depth map.
+        found: (usize, usize),
+    },
     /// A setting outside its range.
     #[error("{setting} is {found}, expected {expected}")]
     Setting {

@@ -19,6 +19,7 @@ mod sgm;
 mod confirm;
 mod consistency;
 mod fill;
+mod fuse;
 
 mod learned;
 
@@ -36,7 +37,9 @@ pub use depthsplat::{
 };
 pub use error::{Error, Result};
 pub use features::{FEATURE_NAMES, Features};
+pub use fuse::{FusedView, fuse};
 pub use given_depth::GivenDepth;
 pub use learned::{Decoded, DepthNetwork, DepthWeights, InputParts, Inputs, Recorded};
+pub use pair::Pair;
 pub use plane_sweep::PlaneSweep;
 pub use range::{DepthRange, FAR_MARGIN};

@@ -14,7 +14,7 @@ fn calibration(lens: &Intrinsics) -> DMat3 {
 /// The map (pixel, inverse depth w) → homogeneous pixel `infinite · (u, v, 1) + epipole · w` of another view.
 /// Built in f64 from relative poses, so scenes far from the origin lose nothing by the f32 arithmetic after it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Pair {
+pub struct Pair {
     /// `K_s R K_r⁻¹`: where the pixel falls when it is infinitely far.
     infinite: [Vec3; 3],
     /// `K_s t`.
@@ -22,7 +22,9 @@ pub(crate) struct Pair {
 }
 
 impl Pair {
-    pub(crate) fn new(reference: &Camera, source: &Camera) -> Self {
+    /// From `reference` to `source`.
+    #[must_use]
+    pub fn new(reference: &Camera, source: &Camera) -> Self {
         let rotation = source.rotation() * reference.rotation().transpose();
         // t = R_s (c_r - c_s): from the camera centres, not from the translations, which may be huge.
         let translation = source.rotation() * (reference.position() - source.position());
@@ -37,7 +39,8 @@ impl Pair {
 
     /// Homogeneous source pixel of the reference position (u, v) at inverse depth `w`. Its z times the depth is the
     /// z-depth in the source view.
-    pub(crate) fn project(&self, u: f32, v: f32, w: f32) -> Vec3 {
+    #[must_use]
+    pub fn project(&self, u: f32, v: f32, w: f32) -> Vec3 {
         self.row(v) + self.infinite[0] * u + self.epipole * w
     }
 
@@ -51,7 +54,9 @@ impl Pair {
         self.infinite[0]
     }
 
-    pub(crate) fn epipole(&self) -> Vec3 {
+    /// Change of [`Self::project`] by inverse depth.
+    #[must_use]
+    pub fn epipole(&self) -> Vec3 {
         self.epipole
     }
 }

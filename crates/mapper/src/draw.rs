@@ -58,7 +58,7 @@ pub(crate) fn draw(
         seed: config.seed,
         ..sparsesplat::Config::default()
     };
-    let geometry = Geometry { views: vec![geometry], depth_range: range };
+    let geometry = Geometry { views: vec![geometry], depth_range: range, shared_by: Vec::new() };
     let predicted = Predictor::new(pass)
         .and_then(|predictor| predictor.predict_from(std::slice::from_ref(view), &geometry, &mut |_| {}));
     let mut gaussians = predicted.map_err(failed)?.gaussians;

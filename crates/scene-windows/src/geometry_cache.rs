@@ -100,7 +100,7 @@ fn read(path: &Path, views: &[View]) -> Result<Geometry> {
         let (header, kept): (Header, Kept) = Kept::read(path, KIND)?;
         let all = views.iter().enumerate().map(|(i, view)| view_of(&kept, &header, i, view));
         let views = all.collect::<std::result::Result<_, KeptFault>>()?;
-        Ok(Geometry { views, depth_range: header.depth_range })
+        Ok(Geometry { views, depth_range: header.depth_range, shared_by: Vec::new() })
     };
     read().map_err(|source| Error::CacheFile { path: path.to_path_buf(), source })
 }

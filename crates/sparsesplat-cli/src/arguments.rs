@@ -67,6 +67,9 @@ pub(crate) struct Pipeline {
     /// Factor, 0 to 1, of the probability of pixels whose depth no other view confirms; with 1 it is the paper's
     #[arg(long, value_name = "WEIGHT", value_parser = weight, default_value_t = Config::default().filled_weight, hide_short_help = true)]
     pub(crate) filled_weight: f32,
+    /// Join surfaces that several views see: one depth for all of them, and as many Gaussians as if one saw them
+    #[arg(long, value_name = "on|off", value_parser = on_off, default_value = "off", action = clap::ArgAction::Set, hide_short_help = true)]
+    pub(crate) fuse: bool,
     /// Head, which makes the Gaussians
     #[arg(long, value_enum, default_value = "default")]
     pub(crate) head: HeadName,
@@ -267,6 +270,7 @@ impl Pipeline {
         }
         if self.head == HeadName::DepthSplat {
             given.refuse(&["neighbours"], "--head depthsplat looks at no neighbours")?;
+            given.refuse(&["fuse"], "--head depthsplat makes the Gaussians from the depth of its network")?;
         }
         Ok(())
     }
@@ -287,6 +291,7 @@ impl Pipeline {
                 SamplerName::Systematic => Sampler::Systematic,
             },
             filled_weight: self.filled_weight,
+            fuse: self.fuse,
             budget: self.tau.map_or(Budget::Gaussians(self.gaussians), Budget::Tau),
             neighbours: self.neighbours,
             head: match (weights, self.head) {

@@ -21,14 +21,15 @@ use std::time::Instant;
 /// Train the network that improves stereo's depth
 ///
 /// Generated scenes are ray-traced and matched once; --cache keeps the results. Each step draws crops of their views and compares the
-/// network's depth with the exact one. With --dataset it sees photographs with measured depth, too. --output receives checkpoint.safetensors (for --resume), weights.safetensors (for --depth of the
-/// other commands) and log.jsonl.
+/// network's depth with the exact one. With --dataset it sees photographs, too: measured depth is the truth where there is some; windows without
+/// are compared by what their photographs, held-out ones too, show of the surfaces. --output receives checkpoint.safetensors (for --resume),
+/// weights.safetensors (for --depth of the other commands) and log.jsonl.
 #[derive(Debug, Args)]
 #[command(arg = crate::arguments::no_device(), after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat train-depth -o run\n  \
     sparsesplat train-depth -o run --resume                  resumes after an interruption, bit for bit\n  \
     sparsesplat train-depth -o run --dataset nerfstudio --root photographs --validation-root others\n  \
-    \x20                                                         half of the crops are of photographs with measured depth\n  \
+    \x20                                                         half of what a step draws is photographs\n  \
     sparsesplat train-depth -o score --config none.ron --from run/weights.safetensors --validation-root PHOTOS\n  \
     \x20                                                         scores weights; none.ron is (steps: 0)\n  \
     sparsesplat reconstruct PHOTOS --depth run/weights.safetensors -o scene.ply\n\n\
@@ -46,13 +47,13 @@ pub(crate) struct Arguments {
     /// Print all settings and stop
     #[arg(long)]
     print_config: bool,
-    /// Data set with measured depth to train on beside generated scenes, or the layout of your own data
+    /// Data set to train on beside generated scenes, or the layout of your own data
     #[arg(long, value_enum, default_value = "simulated")]
     dataset: Dataset,
     /// Folder of one scene, or of several scenes, of --dataset
     #[arg(long, value_name = "DIR")]
     root: Option<PathBuf>,
-    /// With a data set on disk: share of the crops that see simulated scenes, 0 to below 1
+    /// With a data set on disk: share of what is drawn that is of simulated scenes, 0 to below 1; a window of photographs counts as one crop
     #[arg(long, value_name = "SHARE", value_parser = share, default_value_t = 0.5)]
     simulated_share: f64,
     /// Number of generated scenes
@@ -155,8 +156,18 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let held_out_read =
         arguments.validation_root.as_deref().map(|root| validated(root, arguments.size)).transpose()?;
     let folder = Folder::begin(output, arguments.resume)?;
-    let read = read.map(|plans| open_photographs(&plans, arguments, outputs)).transpose()?;
-    let photographs = held_out_read.map(|plans| open_photographs(&plans, arguments, outputs)).transpose()?;
+    let read = read
+        .map(|plans| {
+            let open = |told: &OnItem| DepthCases::of_photographs(&plans, &arguments.cache, told);
+            open_photographs(&plans, arguments, outputs, open)
+        })
+        .transpose()?;
+    let photographs = held_out_read
+        .map(|plans| {
+            let open = |told: &OnItem| DepthCases::measured(&plans, &arguments.cache, told);
+            open_photographs(&plans, arguments, outputs, open)
+        })
+        .transpose()?;
     let simulated =
         if simulates { Some(open(&generated(first..middle, middle..last), arguments)?) } else { None };
     let cases = match (read, simulated) {
@@ -201,11 +212,14 @@ fn open(scenes: &[SimulatedScene], arguments: &Arguments) -> Outcome<DepthCases>
     })
 }
 
+/// Is told the name of each scene or window when it is there, or why it is left out.
+type OnItem<'a> = dyn Fn(&str, Option<&depth_backbone::Error>) + Sync + 'a;
+
 /// What `open` makes of so many scenes or windows, in sight of the user.
 fn opened(
     count: usize,
     arguments: &Arguments,
-    open: impl FnOnce(&(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync)) -> ::train::Result<DepthCases>,
+    open: impl FnOnce(&OnItem) -> ::train::Result<DepthCases>,
 ) -> Outcome<DepthCases> {
     output::check_folder(&arguments.cache)?;
     let progress = Progress::new(count);
@@ -230,9 +244,14 @@ fn validated(root: &Path, (width, height): (usize, usize)) -> Outcome<Vec<Plan>>
 }
 
 /// Views of windows of photographs, from the cache or made.
-fn open_photographs(plans: &[Plan], arguments: &Arguments, outputs: &Outputs) -> Outcome<DepthCases> {
+fn open_photographs(
+    plans: &[Plan],
+    arguments: &Arguments,
+    outputs: &Outputs,
+    open: impl FnOnce(&OnItem) -> ::train::Result<DepthCases>,
+) -> Outcome<DepthCases> {
     outputs.spare(files_of(plans).iter().map(PathBuf::as_path))?;
-    opened(plans.len(), arguments, |on_window| DepthCases::of_photographs(plans, &arguments.cache, on_window))
+    opened(plans.len(), arguments, open)
 }
 
 /// A score in a line.

@@ -57,7 +57,7 @@ pub fn anchor(
 ) -> Result<Anchored> {
     config.check()?;
     let allocation = config.allocation;
-    let Geometry { views: geometry, depth_range: (_, far) } = geometry;
+    let Geometry { views: geometry, depth_range: (_, far), shared_by } = geometry;
     let (exposed, exposure) = stages.run(Stage::Exposure, || exposure::equalised(views, geometry));
 
     let shell = stages.run(Stage::Shell, || match (config.far_shell, config.budget, allocation) {
@@ -69,7 +69,8 @@ pub fn anchor(
         (true, Budget::Gaussians(n), _) => shell::shell(&exposed, *far, n),
     })?;
 
-    let (pixels, tau) = stages.run(Stage::Sampling, || sample(views, geometry, config, shell.len()))?;
+    let (pixels, tau) =
+        stages.run(Stage::Sampling, || sample(views, (geometry, shared_by), config, shell.len()))?;
 
     let (anchors, ranges, voxel_cells) = stages.run(Stage::Backproject, || {
         let view_anchors = |i: usize| {
@@ -168,10 +169,11 @@ fn usable(geometry: &ViewGeometry) -> impl Iterator<Item = bool> {
         .map(|(&depth, &confidence)| depth > 0.0 && confidence > 0.0)
 }
 
-/// The chosen pixels of every view, and tau; `shell` Gaussians of the budget are spent already.
+/// The chosen pixels of every view, and tau; `shell` Gaussians of the budget are spent already. Where surfaces were fused, a surface has the
+/// same number of anchors however many views see it.
 fn sample(
     views: &[View],
-    geometry: &[ViewGeometry],
+    (geometry, shared_by): (&[ViewGeometry], &[Vec<u8>]),
     config: &Config,
     shell: usize,
 ) -> Result<(Vec<Vec<u32>>, Option<f64>)> {
@@ -194,15 +196,17 @@ fn sample(
         // Measured depth is not filled in, and the confidence of DepthSplat is not a verdict of other views.
         Backbone::GivenDepth | Backbone::DepthSplat(_) => 1.0,
     };
-    let weigh = |(view, geometry): (&View, &ViewGeometry)| -> Result<ImportanceMap> {
+    let weigh = |index: usize| -> Result<ImportanceMap> {
+        let geometry = &geometry[index];
+        let share = |pixel: usize| shared_by.get(index).map_or(1.0, |by| 1.0 / (1.0 + f32::from(by[pixel])));
         let weight = |(pixel, usable)| match (usable, geometry.is_confirmed(pixel)) {
             (false, _) => 0.0,
-            (true, true) => 1.0,
-            (true, false) => filled,
+            (true, true) => share(pixel),
+            (true, false) => filled * share(pixel),
         };
-        Ok(map(view)?.with_weights(usable(geometry).enumerate().map(weight).collect())?)
+        Ok(map(&views[index])?.with_weights(usable(geometry).enumerate().map(weight).collect())?)
     };
-    let maps: Vec<ImportanceMap> = views.par_iter().zip(geometry).map(weigh).collect::<Result<_>>()?;
+    let maps: Vec<ImportanceMap> = (0..views.len()).into_par_iter().map(weigh).collect::<Result<_>>()?;
     let budget = match config.budget {
         Budget::Gaussians(total) => entropy_sampler::Budget::Count(total - shell),
         Budget::Tau(tau) => entropy_sampler::Budget::Tau(tau),

@@ -16,6 +16,23 @@ pub struct Geometry {
     pub views: Vec<ViewGeometry>,
     /// The range that depth lies in, near and far, scene units.
     pub depth_range: (f64, f64),
+    /// Of each view, how many others share the surface of each of its pixels, if surfaces were [fused](Self::fused); empty otherwise.
+    pub shared_by: Vec<Vec<u8>>,
+}
+
+impl Geometry {
+    /// With surfaces that several views see joined ([`depth_backbone::fuse`]).
+    ///
+    /// # Errors
+    /// If `views` are not those of this geometry.
+    pub fn fused(&self, views: &[View]) -> Result<Self> {
+        let (mut fused, mut shared_by) = (self.clone(), Vec::with_capacity(views.len()));
+        for (view, joined) in fused.views.iter_mut().zip(depth_backbone::fuse(views, &self.views)?) {
+            view.depth = joined.depth;
+            shared_by.push(joined.shared_by);
+        }
+        Ok(Self { shared_by, ..fused })
+    }
 }
 
 /// Depth of all views by the configured backbone, and what else is wanted.
@@ -49,7 +66,7 @@ pub(crate) fn geometry(
             (network.model.estimate_within(views, range, wanted)?, range)
         }
     };
-    Ok(Geometry { views, depth_range })
+    Ok(Geometry { views, depth_range, shared_by: Vec::new() })
 }
 
 /// What the nearest content moves by between the cameras farthest apart, pixels, below which there is nothing to match.

@@ -18,6 +18,9 @@ pub struct Config {
     /// Factor, 0 to 1, of the probability of pixels whose depth the stereo filled in from neighbours, because no other view confirms it: a Gaussian
     /// counts for less where its place is a guess. With 1 the probability is the paper's. Other backbones fill nothing in.
     pub filled_weight: f32,
+    /// Whether surfaces that several views see are joined before pixels are drawn: their depths become the mean along each ray, weighted by
+    /// confidence, and a pixel's probability is divided by the number of views that see its surface ([`Geometry::fused`](crate::Geometry::fused)).
+    pub fuse: bool,
     /// How many Gaussians.
     pub budget: Budget,
     /// Neighbours K that each anchor gathers.
@@ -44,6 +47,7 @@ impl Default for Config {
             allocation: Allocation::Entropy,
             sampler: Sampler::Fixed,
             filled_weight: 0.5,
+            fuse: false,
             budget: Budget::Gaussians(40_000),
             neighbours: 20,
             head: Head::Default,
@@ -74,6 +78,9 @@ impl Config {
         }
         if self.head == Head::DepthSplat && self.allocation != Allocation::PixelAligned {
             return Err(Error::OwnHeadAllocation);
+        }
+        if self.head == Head::DepthSplat && self.fuse {
+            return Err(Error::OwnHeadFusion);
         }
         Ok(())
     }

@@ -116,6 +116,9 @@ pub enum Error {
     /// DepthSplat's head with anything but all pixels.
     #[error("DepthSplat's head makes a Gaussian of every pixel: use it with the allocation pixel-aligned")]
     OwnHeadAllocation,
+    /// DepthSplat's head with surfaces that were joined after it.
+    #[error("DepthSplat's head makes its Gaussians from the depth of its network: surfaces cannot be fused")]
+    OwnHeadFusion,
     /// DepthSplat's head without the Gaussians that it made.
     #[error("DepthSplat's head is asked for, and the backbone's geometry comes without its Gaussians")]
     NoOwnGaussians,

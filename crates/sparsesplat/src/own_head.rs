@@ -17,7 +17,7 @@ pub(crate) fn finish(
     config: &Config,
     mut stages: Stages<'_>,
 ) -> Result<Prediction> {
-    let Geometry { views: geometry, depth_range } = geometry;
+    let Geometry { views: geometry, depth_range, .. } = geometry;
     let (exposed, exposure) = stages.run(Stage::Exposure, || exposure::equalised(views, geometry));
     let shell = stages.run(Stage::Shell, || match config.far_shell {
         true => shell::shell(&exposed, depth_range.1, usize::MAX),

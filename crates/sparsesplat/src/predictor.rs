@@ -115,7 +115,7 @@ impl Predictor {
     }
 
     /// The pass from a known [`geometry`](Self::geometry) on, for configurations that differ in what comes after the backbone; its stage
-    /// took 0 s. `geometry` must hold what is [`wanted`](Self::wanted).
+    /// took 0 s, or as long as the fusion of surfaces. `geometry` must hold what is [`wanted`](Self::wanted).
     ///
     /// # Errors
     /// As [`Predictor::predict`].
@@ -142,6 +142,13 @@ impl Predictor {
         if config.head == Head::DepthSplat {
             return own_head::finish(views, geometry, config, stages);
         }
+        let fused;
+        let geometry = if config.fuse {
+            fused = stages.run(Stage::Backbone, || geometry.fused(views))?;
+            &fused
+        } else {
+            geometry
+        };
         let head = self.head.as_ref().map(|(_, head)| head);
         let covisible = head.map_or(0, |head| head.covisible());
         let anchored = anchor(views, geometry, config, covisible, &mut stages)?;

@@ -29,6 +29,8 @@ pub enum Axis {
     DepthPlanes,
     /// Depth of the stereo, as it is or improved by the small network.
     Depth,
+    /// Whether surfaces that several views see are joined.
+    Fusion,
     /// Where depth comes from: measured depth, which a real camera does not bring along.
     Backbone,
     /// Where the renderer stops looking.
@@ -56,6 +58,7 @@ impl Axis {
             Self::Resolution => "resolution",
             Self::DepthPlanes => "depth planes",
             Self::Depth => "depth",
+            Self::Fusion => "fusion",
             Self::Backbone => "backbone",
             Self::Renderer => "renderer",
         }
@@ -316,6 +319,10 @@ pub fn points(
         let backbone = Backbone::PlaneSweep { planes: *usual, depth: other };
         all.vary(Axis::Depth, name, |config| config.backbone = backbone);
     }
+    if config.head != Head::DepthSplat {
+        let name = if config.fuse { "no-fuse" } else { "fuse" };
+        all.vary(Axis::Fusion, name, |config| config.fuse = !config.fuse);
+    }
     // Learned heads work with the features of their backbone, and measured depth has none.
     if measured_depth && !learned && config.backbone != Backbone::GivenDepth {
         all.vary(Axis::Backbone, "given-depth", |config| config.backbone = Backbone::GivenDepth);
@@ -468,6 +475,14 @@ mod tests {
         };
         assert_eq!(depths(SweepDepth::Stereo), ["learned-depth"]);
         assert_eq!(depths(SweepDepth::Learned), ["stereo-depth"]);
+        let fusions = |fuse: bool| {
+            let base = Method::feed_forward(Config { fuse, ..Config::default() });
+            let of_fusion = |point: &Point| point.label.axis == Axis::Fusion;
+            let found: Vec<Point> = swept(&base, Extent::Quick).into_iter().filter(of_fusion).collect();
+            assert!(found.iter().all(|point| point.method.predict.fuse != fuse));
+            found.into_iter().map(|point| point.label.point).collect::<Vec<_>>()
+        };
+        assert_eq!((fusions(false), fusions(true)), (vec!["fuse".to_owned()], vec!["no-fuse".to_owned()]));
         // DepthSplat's own Gaussians are one more point where they can be had.
         let of_network = |point: &&Point| point.method.predict.head == Head::DepthSplat;
         assert!(!all.iter().any(|point| of_network(&point)));

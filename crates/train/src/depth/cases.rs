@@ -160,12 +160,52 @@ struct KeptView {
     unit: [f32; 2],
 }
 
+/// The context views of a window of photographs whose depth nobody measured, with the photographs that tell how good it is.
+pub(crate) struct DepthWindow {
+    /// Of the context views.
+    pub(crate) cases: Vec<DepthCase>,
+    pub(crate) context: Vec<View>,
+    pub(crate) held_out: Vec<View>,
+}
+
+impl DepthWindow {
+    /// A plane step of inverse depth.
+    pub(crate) fn step(&self) -> f32 {
+        self.cases[0].unit[1]
+    }
+}
+
+/// What is drawn at once.
+pub(crate) enum Item {
+    /// A view whose true depth is known, at least in part.
+    View(DepthCase),
+    /// Views that are compared with each other.
+    Window(DepthWindow),
+}
+
 /// Views to train on.
 pub struct DepthCases {
-    pub(crate) views: Vec<DepthCase>,
-    /// Where crops draw their views.
+    pub(crate) items: Vec<Item>,
+    /// Where steps draw their items.
     pub(crate) sources: Sources,
     hash: String,
+}
+
+/// What makes of the views of a scene or a window what is drawn.
+type Packed<'a> = Box<dyn FnOnce(Vec<DepthCase>) -> Vec<Item> + 'a>;
+
+/// A scene or a window: its name, what decides its views, what else decides the items, and how both are made.
+struct Described<'a> {
+    name: String,
+    key: String,
+    held_out: String,
+    make: Box<dyn FnOnce() -> Result<Made> + 'a>,
+    pack: Packed<'a>,
+}
+
+/// Every view for itself.
+fn single(views: Vec<DepthCase>) -> Vec<Item> {
+    views.into_iter().map(Item::View).collect()
 }
 
 impl DepthCases {
@@ -183,87 +223,119 @@ impl DepthCases {
         Self::opened(scenes, cache, on_scene, |&scene| {
             let described = Plan::simulated(scene, size).description();
             let key = format!("{VERSION} {SAMPLES} {described:?}");
-            Ok((scene.to_string(), key, Box::new(move || simulated(scene, size))))
+            let make = Box::new(move || simulated(scene, size));
+            Ok(Described {
+                name: scene.to_string(),
+                key,
+                held_out: String::new(),
+                make,
+                pack: Box::new(single),
+            })
         })
     }
 
-    /// The context views of windows of photographs with measured depth, as [`DepthCases::open`] keeps them. Where nothing was measured, the true
-    /// depth is unknown.
+    /// The context views of windows of photographs, as [`DepthCases::open`] keeps them. Measured depth is the truth, unknown where nothing was
+    /// measured. A window without any is drawn as a whole, and its photographs are compared with each other.
     ///
     /// # Errors
-    /// If a photograph or a file cannot be read or written, a view has no measured depth, or no window is left.
+    /// If a photograph or a file cannot be read or written, only some views of a window have measured depth, or no window is left.
     pub fn of_photographs(
         plans: &[Plan],
         cache: &Path,
         on_window: &(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync),
     ) -> Result<Self> {
         Self::opened(plans, cache, on_window, |plan| {
-            let window = plan.load(false)?;
-            let key = format!("{VERSION} {}", window.exact_sha256());
-            Ok((plan.name().to_owned(), key, Box::new(move || photographed(&window))))
+            let mut window = plan.load(true)?;
+            let whole = window.exact_sha256();
+            let held_out = std::mem::take(&mut window.targets);
+            let is_measured = window.context.iter().any(|view| view.depth().is_some());
+            Ok(described(window, (!is_measured).then_some((held_out, whole))))
         })
     }
 
-    /// What `item` says of each: name, what decides its content, and how it is made.
+    /// The context views of windows of photographs with measured depth, as [`DepthCases::of_photographs`].
+    ///
+    /// # Errors
+    /// As [`DepthCases::of_photographs`], or if a view has no measured depth.
+    pub fn measured(
+        plans: &[Plan],
+        cache: &Path,
+        on_window: &(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync),
+    ) -> Result<Self> {
+        Self::opened(plans, cache, on_window, |plan| Ok(described(plan.load(false)?, None)))
+    }
+
+    /// What `item` says of each.
     fn opened<'a, T: Sync>(
         items: &'a [T],
         cache: &Path,
         on_item: &(dyn Fn(&str, Option<&depth_backbone::Error>) + Sync),
-        item: impl Fn(&'a T) -> Result<(String, String, Box<dyn FnOnce() -> Result<Made> + 'a>)> + Sync,
+        item: impl Fn(&'a T) -> Result<Described<'a>> + Sync,
     ) -> Result<Self> {
-        let made: Vec<(String, String, Option<Vec<DepthCase>>)> = items
+        let made: Vec<(String, String, Option<Vec<Item>>)> = items
             .par_iter()
             .map(|source| {
-                let (name, described, make) = item(source)?;
-                let key = hexadecimal(&Sha256::digest(described));
+                let Described { name, key, held_out, make, pack } = item(source)?;
+                let key = hexadecimal(&Sha256::digest(key));
                 let file = format!("{}-{}.depth.safetensors", name.replace('/', "-"), &key[..16]);
                 let made = kept_or_made(&cache.join(file), make)?;
                 on_item(&name, made.as_ref().err());
-                Ok((name, key, made.ok()))
+                Ok((name, key + &held_out, made.ok().map(pack)))
             })
             .collect::<Result<_>>()?;
         let mut all = Sha256::new();
-        let (mut views, mut scenes): (Vec<DepthCase>, Vec<(String, Range<usize>)>) = (Vec::new(), Vec::new());
+        let (mut items, mut scenes): (Vec<Item>, Vec<(String, Range<usize>)>) = (Vec::new(), Vec::new());
         for (name, key, made) in made {
             all.update(format!("{key} {}\n", made.is_some()));
-            let begin = views.len();
-            views.extend(made.into_iter().flatten());
+            let begin = items.len();
+            items.extend(made.into_iter().flatten());
             match scenes.last_mut() {
-                Some((scene, of_scene)) if scene == scene_of(&name) => of_scene.end = views.len(),
-                _ if views.len() > begin => scenes.push((scene_of(&name).to_owned(), begin..views.len())),
+                Some((scene, of_scene)) if scene == scene_of(&name) => of_scene.end = items.len(),
+                _ if items.len() > begin => scenes.push((scene_of(&name).to_owned(), begin..items.len())),
                 _ => {}
             }
         }
-        if views.is_empty() {
+        if items.is_empty() {
             return Err(Error::NoWindows);
         }
-        let sources = Sources::one(scenes.into_iter().map(|(_, views)| views).collect());
-        Ok(Self { views, sources, hash: hexadecimal(&all.finalize()) })
+        let sources = Sources::one(scenes.into_iter().map(|(_, items)| items).collect());
+        Ok(Self { items, sources, hash: hexadecimal(&all.finalize()) })
     }
 
-    /// These and `others`, of which crops draw a `share`.
+    /// These and `others`, of which a `share` is drawn.
     ///
     /// # Panics
     /// If the share is not above 0 and below 1.
     #[must_use]
     pub fn mixed_with(mut self, others: Self, share: f64) -> Self {
-        self.sources.mix(self.views.len(), others.sources, share);
-        self.views.extend(others.views);
+        self.sources.mix(self.items.len(), others.sources, share);
+        self.items.extend(others.items);
         let all = format!("{}\n{}\n{share}", self.hash, others.hash);
         self.hash = hexadecimal(&Sha256::digest(all));
         self
     }
 
+    /// All views.
+    pub(crate) fn views(&self) -> Vec<&DepthCase> {
+        fn of(item: &Item) -> &[DepthCase] {
+            match item {
+                Item::View(case) => std::slice::from_ref(case),
+                Item::Window(window) => &window.cases,
+            }
+        }
+        self.items.iter().flat_map(of).collect()
+    }
+
     /// Number of views.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.views.len()
+        self.views().len()
     }
 
     /// Whether there are none; never.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.views.is_empty()
+        self.items.is_empty()
     }
 
     /// SHA-256 of what decides the content of all of them.
@@ -302,8 +374,22 @@ fn simulated(scene: SimulatedScene, size: (usize, usize)) -> Result<Made> {
     Ok(PlaneSweep::default().inputs(&views).map(|inputs| inputs.iter().zip(&views).map(case).collect()))
 }
 
+/// A window of photographs; with `held_out` photographs, and the hash of the window with them, it is drawn as a whole, and no depth was measured.
+fn described(window: Window, held_out: Option<(Vec<View>, String)>) -> Described<'static> {
+    let key = format!("{VERSION} {}", window.exact_sha256());
+    let name = window.name.clone();
+    let Some((held_out, whole)) = held_out else {
+        let make = Box::new(move || measured(&window));
+        return Described { name, key, held_out: String::new(), make, pack: Box::new(single) };
+    };
+    let context = window.context.clone();
+    let make = Box::new(move || without_truth(&window));
+    let pack = move |cases| vec![Item::Window(DepthWindow { cases, context, held_out })];
+    Described { name, key, held_out: whole, make, pack: Box::new(pack) }
+}
+
 /// The context views of a window of photographs, whose depth is measured.
-fn photographed(window: &Window) -> Result<Made> {
+fn measured(window: &Window) -> Result<Made> {
     let measured: Vec<&[f32]> = window
         .context
         .iter()
@@ -318,6 +404,16 @@ fn photographed(window: &Window) -> Result<Made> {
     let case = |(inputs, depth): (&Inputs, &&[f32])| DepthCase::new(inputs, depth.iter().copied(), UNKNOWN);
     let inputs = PlaneSweep::default().inputs(&window.context);
     Ok(inputs.map(|inputs| inputs.iter().zip(&measured).map(case).collect()))
+}
+
+/// The same without measured depth.
+fn without_truth(window: &Window) -> Result<Made> {
+    let case = |inputs: &Inputs| {
+        let (width, height) = inputs.size();
+        DepthCase::new(inputs, std::iter::repeat_n(0.0, width * height), UNKNOWN)
+    };
+    let inputs = PlaneSweep::default().inputs(&window.context);
+    Ok(inputs.map(|inputs| inputs.iter().map(case).collect()))
 }
 
 #[cfg(test)]
@@ -336,7 +432,7 @@ mod tests {
             let depth = DepthMap::new(120, 80, measured).unwrap();
             *view = View::new(view.name(), view.image().clone(), *view.camera(), Some(depth)).unwrap();
         }
-        let cases = photographed(&window).unwrap().unwrap();
+        let cases = measured(&window).unwrap().unwrap();
         for (case, exact) in cases.iter().zip(&exact) {
             for (i, (z, exact)) in case.whole().exact_depth().iter().zip(exact).enumerate() {
                 let far = 1.0 / case.unit[0];
@@ -349,7 +445,7 @@ mod tests {
         }
         let last = &mut window.context[5];
         *last = View::new("last", last.image().clone(), *last.camera(), None).unwrap();
-        let Err(Error::NoMeasuredDepth { view, .. }) = photographed(&window) else { panic!("no error") };
+        let Err(Error::NoMeasuredDepth { view, .. }) = measured(&window) else { panic!("no error") };
         assert_eq!(view, "last");
     }
 }

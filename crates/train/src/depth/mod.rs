@@ -1,5 +1,7 @@
-//! Training of the network behind the plane sweep ([`depth_backbone::DepthNetwork`]) on simulated scenes, whose depth is exact.
+//! Training of the network behind the plane sweep ([`depth_backbone::DepthNetwork`]) on simulated scenes, whose depth is exact, and on
+//! photographs, with or without measured depth.
 
+mod between;
 mod cases;
 mod loss;
 mod score;

@@ -15,7 +15,7 @@ fn cases(cache: &Path) -> DepthCases {
 
 fn config(steps: usize) -> DepthConfig {
     let rates = Rates { learning_rate: 2e-3, warm_up: 2, ..Rates::default() };
-    DepthConfig { steps, batch: 2, crop: (24, 16), rates, seed: 5 }
+    DepthConfig { steps, batch: 2, crop: (24, 16), rates, seed: 5, ..DepthConfig::default() }
 }
 
 #[test]
@@ -69,7 +69,8 @@ fn any_number_of_threads_makes_the_same_weights() {
 fn a_gradient_that_is_not_finite_skips_the_step() {
     let cache = tempfile::tempdir().unwrap();
     let mut cases = cases(cache.path());
-    for view in &mut cases.views {
+    for item in &mut cases.items {
+        let Item::View(view) = item else { panic!("a window") };
         view.spoil();
     }
     let mut trainer = DepthTrainer::new(config(3), cases).unwrap();
@@ -83,7 +84,7 @@ fn a_gradient_that_is_not_finite_skips_the_step() {
 fn crops_are_parts_of_the_view_and_mirrored_ones_are_turned() {
     let cache = tempfile::tempdir().unwrap();
     let cases = cases(cache.path());
-    let case = &cases.views[0];
+    let case = cases.views()[0];
     let whole = case.whole();
     let plain = case.crop((3, 2), (20, 16), false);
     let turned = case.crop((3, 2), (20, 16), true);
