@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use std::cmp::Ordering;
 
 /// Two inverse depths agree within this relative difference …
-const RELATIVE_TOLERANCE: f32 = 0.015;
+pub(crate) const RELATIVE_TOLERANCE: f32 = 0.015;
 /// … or within this many plane steps, whichever is more.
 const STEP_TOLERANCE: f32 = 1.5;
 /// Mean colour difference (0..1) above which a point that floats before another view's surface is dropped.

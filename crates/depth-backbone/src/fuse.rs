@@ -1,13 +1,13 @@
 //! Surfaces that several views see, joined.
 
 use crate::backbone::ViewGeometry;
-use crate::consistency::{Opinion, Tolerance, Witness};
+use crate::consistency::{Opinion, RELATIVE_TOLERANCE, Tolerance, Witness};
 use crate::{Error, Result};
 use gs_scene::{DepthMap, View};
 use rayon::prelude::*;
 
-/// Inverse depths of one surface differ by at most this part of them.
-const TOLERANCE: Tolerance = Tolerance { relative: 0.03, least: 0.0 };
+/// As stereo's, whose planes measured depth does not have.
+const TOLERANCE: Tolerance = Tolerance { relative: RELATIVE_TOLERANCE, least: 0.0 };
 
 /// One view's depth, joined with that of the others.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,7 +19,7 @@ pub struct FusedView {
 }
 
 /// Moves each pixel along its ray to where all views that see its surface have it: the mean of their inverse depths, weighted by their
-/// confidence. Another view sees the surface if the point falls on one of its pixels whose inverse depth differs by at most 3 %; one that has a surface before
+/// confidence. Another view sees the surface if the point falls on one of its pixels whose inverse depth differs by at most 1.5 %; one that has a surface before
 /// the point, or looks through it, has no say. Pixels without depth or confidence stay as they are and have no say either.
 ///
 /// # Errors
@@ -105,16 +105,16 @@ mod tests {
 
     #[test]
     fn what_all_see_lies_where_they_see_it_in_the_mean() {
-        let (views, mut geometry) = wall(&[0.99, 1.0, 1.01]);
+        let (views, mut geometry) = wall(&[0.995, 1.0, 1.005]);
         geometry[2].confidence.fill(0.5);
         let fused = fuse(&views, &geometry).unwrap();
-        let expected = 4.0 * 2.5 / (1.0 / 0.99 + 1.0 + 0.5 / 1.01);
+        let expected = 4.0 * 2.5 / (1.0 / 0.995 + 1.0 + 0.5 / 1.005);
         for view in &fused {
             assert!((view.depth.data()[MIDDLE] - expected).abs() < 1e-4, "{}", view.depth.data()[MIDDLE]);
             assert_eq!(view.shared_by[MIDDLE], 2);
         }
         // The left border of the first view is beyond the others' pictures.
-        assert_eq!((fused[0].shared_by[8 * 24], fused[0].depth.data()[8 * 24]), (0, 4.0 * 0.99));
+        assert_eq!((fused[0].shared_by[8 * 24], fused[0].depth.data()[8 * 24]), (0, 4.0 * 0.995));
     }
 
     #[test]

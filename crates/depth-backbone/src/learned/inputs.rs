@@ -18,6 +18,9 @@ pub(crate) const INPUTS: usize = 4 * FULL + BLOCK;
 
 /// Confidence of depth that no view confirms stays below ½.
 const MOST_UNCONFIRMED: f32 = 0.49;
+/// With less confidence than this the network is worse than interpolation: it was trained on generated scenes, and is unsure in photographs
+/// that are unlike them (docs/bench/learned-depth.md).
+const LEAST_CONFIDENCE: f32 = 0.2;
 
 /// What stereo knows of one view, each `[height, width]`.
 pub(crate) struct Evidence {
@@ -204,8 +207,8 @@ impl Inputs {
         if steps.is_nan() { 0.0 } else { 1.0 / (self.unit[0] + self.unit[1] * steps.max(0.0)) }
     }
 
-    /// Inverse depth and confidence of every pixel: `stereo`'s, given as such pairs, where the views confirm it, the network's elsewhere.
-    /// Confirmed surfaces are as good as they need to be: with the exact depth there, closed-form scenes are no better
+    /// Inverse depth and confidence of every pixel: `stereo`'s, given as such pairs, where the views confirm it and where the network is unsure, the
+    /// network's elsewhere. Confirmed surfaces are as good as they need to be: with the exact depth there, closed-form scenes are no better
     /// (docs/bench/learned-depth.md).
     #[must_use]
     pub fn join(&self, decoded: &Decoded, stereo: impl Iterator<Item = (f32, f32)>) -> (Vec<f32>, Vec<f32>) {
@@ -214,7 +217,8 @@ impl Inputs {
         let confidence = decoded.confidence(self.width);
         let by_network = corrected.zip(confidence).map(|(steps, c)| (far + step * steps.max(0.0), c));
         let choose = |(stereo, (w, confidence)): ((f32, f32), (f32, f32))| {
-            if stereo.1 >= 0.5 { stereo } else { (w, confidence.min(MOST_UNCONFIRMED)) }
+            let is_kept = stereo.1 >= 0.5 || confidence < LEAST_CONFIDENCE;
+            if is_kept { stereo } else { (w, confidence.min(MOST_UNCONFIRMED)) }
         };
         stereo.zip(by_network).map(choose).unzip()
     }
@@ -383,6 +387,30 @@ mod tests {
         assert_eq!(block[4 * FULL..], before[4 * FULL..]);
         Inputs::mirror_block(&mut block);
         assert_eq!(block, before);
+    }
+
+    #[test]
+    fn the_network_fills_what_stereo_does_not_confirm_and_itself_is_sure_of() {
+        let inputs = Inputs::of_parts(example());
+        let n = inputs.own.len();
+        let decoded = |log_error: f32| Decoded {
+            correction: vec![1.0; n],
+            log_error: vec![log_error; n],
+            sky: vec![-1.0; 12],
+        };
+        let join = |log_error: f32, confidence: f32| {
+            inputs.join(&decoded(log_error), std::iter::repeat_n((0.3, confidence), n))
+        };
+        let (sure, unsure) = (-2.0, 2.5);
+        assert_eq!(join(sure, 0.5), (vec![0.3; n], vec![0.5; n]));
+        assert_eq!(join(unsure, 0.25), (vec![0.3; n], vec![0.25; n]));
+        let (filled, confidence) = join(sure, 0.25);
+        let expected = |own: &f32| 0.1 + 0.02 * (own + 1.0).max(0.0);
+        assert!(filled.iter().zip(&inputs.own).all(|(w, own)| (w - expected(own)).abs() < 1e-6));
+        assert_eq!(confidence, vec![MOST_UNCONFIRMED; n]);
+        // Where there is no surface it has no confidence.
+        let sky = Decoded { sky: vec![1.0; 12], ..decoded(sure) };
+        assert_eq!(inputs.join(&sky, std::iter::repeat_n((0.3, 0.25), n)).1, vec![0.25; n]);
     }
 
     #[test]

@@ -328,7 +328,25 @@ fn learned_depth_sees_photographs_and_is_scored_on_others() {
     // Files of weights have half the digits.
     let relative = |scores: &serde_json::Value| scores["learned"]["relative"].as_f64().unwrap();
     assert!((relative(&scored) - relative(&mixed)).abs() < 0.01 * relative(&mixed), "{scored} {mixed}");
+    // Without measured depth the photographs are compared with each other; they cannot be scored.
+    let file = photographs.join("transforms.json");
+    let mut transforms = read_json(&file);
+    for frame in transforms["frames"].as_array_mut().unwrap() {
+        frame.as_object_mut().unwrap().remove("depth_file_path").unwrap();
+    }
+    fs::write(&file, transforms.to_string()).unwrap();
+    let only_photographs = [&data[..], &["--simulated-share", "0"]].concat();
+    fs::write(&config, "(steps: 2, batch: 1, crop: (24, 16))").unwrap();
+    let (compared, weights) = train("compared", &only_photographs);
+    assert_eq!(compared["views"], alone["views"]);
+    fs::write(&config, "(steps: 2, batch: 1, crop: (24, 16), photometric: 0, agreement: 0)").unwrap();
+    let (_, untaught) = train("untaught", &only_photographs);
+    assert!(values(&weights) != values(&untaught));
     let no = at("no");
+    let scored = ["train-depth", "-o", text(&no), "--size", "96x64", "--validation-root", text(&photographs)];
+    let Called { code, stderr, .. } = call(&[&scored[..], &["--cache", text(&cache)]].concat());
+    assert!(code == Some(1) && stderr.contains("measured depth"), "{code:?} {stderr}");
+    let no = at("none");
     let refused = ["train-depth", "-o", text(&no), "--dataset", "nerfstudio"];
     let Called { code, stderr, .. } = call(&refused);
     assert!(code == Some(2) && stderr.contains("--root"), "{stderr}");

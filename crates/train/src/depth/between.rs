@@ -30,16 +30,24 @@ pub(crate) struct Surface<'a> {
     pub(crate) view: &'a View,
     /// Inverse depth by the network, `[height, width]`.
     pub(crate) predicted: Vec<f32>,
-    /// The same where stereo confirms nothing; stereo's elsewhere.
+    /// Inverse depth by stereo, filled in where it confirms nothing.
+    pub(crate) stereo: Vec<f32>,
+    /// Stereo's where it confirms something or the network is unsure, the network's elsewhere.
     pub(crate) joined: Vec<f32>,
     /// Confidence in that, ½ and more where it is stereo's.
     pub(crate) confidence: Vec<f32>,
 }
 
 impl Surface<'_> {
-    /// Whether the joined surface is the network's at a pixel, so that it can learn.
-    fn is_learned(&self, pixel: usize) -> bool {
-        self.confidence[pixel] < 0.5
+    /// Whether the joined surface is stereo's at a pixel, so that it cannot learn.
+    fn is_confirmed(&self, pixel: usize) -> bool {
+        self.confidence[pixel] >= 0.5
+    }
+
+    /// Inverse depths that hide what is behind them: those that are confirmed; 0 elsewhere.
+    fn hiding(&self) -> Vec<f32> {
+        let hides = |(pixel, w): (usize, &f32)| if self.is_confirmed(pixel) { *w } else { 0.0 };
+        self.joined.iter().enumerate().map(hides).collect()
     }
 }
 
@@ -91,12 +99,13 @@ pub(crate) fn loss(
     weights: BetweenWeights,
 ) -> (f64, Vec<Vec<f32>>) {
     let share = 1.0 / surfaces.len().max(1) as f32;
-    let fronts: Vec<Vec<f32>> = held_out.par_iter().map(|view| front(view, surfaces)).collect();
+    let hiding: Vec<Vec<f32>> = surfaces.par_iter().map(Surface::hiding).collect();
+    let fronts: Vec<Vec<f32>> = held_out.par_iter().map(|view| front(view, surfaces, &hiding)).collect();
     let of_view = |i: usize| {
         let mut gradients: Vec<Vec<f32>> = surfaces.iter().map(|s| vec![0.0; s.predicted.len()]).collect();
         let context = surfaces.iter().enumerate().filter(|(j, _)| *j != i);
         let others: Vec<(&View, &[f32])> = context
-            .map(|(_, surface)| (surface.view, &surface.joined[..]))
+            .map(|(j, surface)| (surface.view, &hiding[j][..]))
             .chain(held_out.iter().zip(fronts.iter().map(Vec::as_slice)))
             .collect();
         let of_colours = share * weights.photometric;
@@ -117,14 +126,14 @@ pub(crate) fn loss(
     sum
 }
 
-/// Inverse depth of the nearest surface on each pixel of a view that has none of its own; 0 where none falls.
-fn front(view: &View, surfaces: &[Surface]) -> Vec<f32> {
+/// Inverse depth of the nearest of the hiding surfaces on each pixel of a view that has none of its own; 0 where none falls.
+fn front(view: &View, surfaces: &[Surface], hiding: &[Vec<f32>]) -> Vec<f32> {
     let (width, height) = size(view);
     let mut front = vec![0.0_f32; width * height];
-    for surface in surfaces {
+    for (surface, hiding) in surfaces.iter().zip(hiding) {
         let pair = Pair::new(surface.view.camera(), view.camera());
         let columns = size(surface.view).0;
-        for (pixel, &w) in surface.joined.iter().enumerate() {
+        for (pixel, &w) in hiding.iter().enumerate().filter(|(_, w)| **w > 0.0) {
             let Some(landing) = Landing::new(&pair, middle(pixel, columns), w, (width, height)) else {
                 continue;
             };
@@ -150,7 +159,7 @@ struct Warped {
     seen: Vec<bool>,
 }
 
-/// `front` is the inverse depth of what `other` sees.
+/// `front` is the inverse depth of what hides points from `other`.
 fn warped(surface: &Surface, other: &View, front: &[f32], step: f32) -> Warped {
     let (width, height) = size(other);
     let columns = size(surface.view).0;
@@ -158,12 +167,18 @@ fn warped(surface: &Surface, other: &View, front: &[f32], step: f32) -> Warped {
     let n = surface.predicted.len();
     let mut out =
         Warped { colours: vec![[0.0; 3]; n], by_inverse_depth: vec![[0.0; 3]; n], seen: vec![false; n] };
+    // What stereo's surface hides stays hidden: as the network's moves, points would be hidden in one step and seen in the next, and such
+    // jumps change the error more than its gradient says.
+    let is_hidden = |pixel: usize| {
+        let place = Landing::new(&pair, middle(pixel, columns), surface.stereo[pixel], (width, height));
+        place.is_some_and(|place| {
+            place.inverse_depth < front[place.pixel(width)] - tolerance(place.inverse_depth, step)
+        })
+    };
     for (pixel, &w) in surface.predicted.iter().enumerate() {
         let Some(landing) = Landing::new(&pair, middle(pixel, columns), w, (width, height)) else { continue };
         let (x, y) = (landing.x - 0.5, landing.y - 0.5);
-        let hidden =
-            landing.inverse_depth < front[landing.pixel(width)] - tolerance(landing.inverse_depth, step);
-        if hidden || x < 0.0 || y < 0.0 || x >= (width - 1) as f32 || y >= (height - 1) as f32 {
+        if is_hidden(pixel) || x < 0.0 || y < 0.0 || x >= (width - 1) as f32 || y >= (height - 1) as f32 {
             continue;
         }
         let (a, b) = (x.fract(), y.fract());
@@ -288,7 +303,7 @@ fn agreement(surfaces: &[Surface], index: usize, step: f32, weight: f32, gradien
             sum += f64::from(of_own * (1.0 + size / KNEE).ln());
             let slope = share * steps.signum() / (KNEE + size) / step;
             gradients[index][pixel] += of_own * slope * landing.by[2];
-            if other.is_learned(theirs) {
+            if !other.is_confirmed(theirs) {
                 gradients[j][theirs] -= own.confidence[pixel] * slope;
             }
         }

@@ -25,7 +25,13 @@ fn surfaces<'a>(
             };
             let predicted: Vec<f32> = depth.map(exact).collect();
             let n = predicted.len();
-            Surface { view, joined: predicted.clone(), predicted, confidence: vec![confidence; n] }
+            Surface {
+                view,
+                stereo: predicted.clone(),
+                joined: predicted.clone(),
+                predicted,
+                confidence: vec![confidence; n],
+            }
         })
         .collect()
 }
@@ -167,8 +173,12 @@ fn what_another_surface_hides_is_not_compared() {
         warped.seen.iter().filter(|seen| **seen).count()
     };
     assert!(seen(0.0) > 3000 && seen(100.0) == 0);
-    let front = front(other, &surfaces(&window.context, &|_, _| 0.0, 0.4));
+    let all = surfaces(&window.context, &|_, _| 0.0, 0.5);
+    let hiding: Vec<Vec<f32>> = all.iter().map(Surface::hiding).collect();
+    let front = front(other, &all, &hiding);
     let exact = other.depth().unwrap().data();
     let near = front.iter().zip(exact).filter(|(w, z)| (*w * *z - 1.0).abs() < 0.05).count();
     assert!(near * 10 > front.len() * 7, "{near}");
+    let unsure = &surfaces(&window.context[..1], &|_, _| 0.0, 0.4)[0];
+    assert!(unsure.hiding().iter().all(|w| *w == 0.0), "what learns hides nothing");
 }

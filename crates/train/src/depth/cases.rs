@@ -338,6 +338,18 @@ impl DepthCases {
         self.items.is_empty()
     }
 
+    /// One window of photographs whose depth nobody measured.
+    #[cfg(test)]
+    pub(crate) fn of_window(window: &Window) -> Self {
+        let bare = |view: &View| View::new(view.name(), view.image().clone(), *view.camera(), None).unwrap();
+        let context: Vec<View> = window.context.iter().map(bare).collect();
+        let held_out: Vec<View> = window.targets.iter().map(bare).collect();
+        let bare = Window { context, targets: Vec::new(), ..window.clone() };
+        let Described { make, pack, .. } = described(bare, Some((held_out, String::new())));
+        let items = pack(make().unwrap().unwrap());
+        Self { items, sources: Sources::one(vec![0..1]), hash: String::new() }
+    }
+
     /// SHA-256 of what decides the content of all of them.
     #[must_use]
     pub fn sha256(&self) -> &str {

@@ -263,7 +263,8 @@ impl DepthTrainer {
             let corrected = inputs.stereo().iter().zip(&decoded.correction).map(|(own, by)| own + by);
             let (joined, confidence) = joined(inputs, decoded);
             let predicted = corrected.map(|steps| 1.0 / inputs.depth_of(steps)).collect();
-            Surface { view, predicted, joined, confidence }
+            let stereo = by_stereo(inputs).map(|(w, _)| w).collect();
+            Surface { view, predicted, stereo, joined, confidence }
         };
         let surfaces: Vec<Surface> = passes.iter().zip(&window.context).map(surface).collect();
         let weights =

@@ -50,12 +50,46 @@ fn a_run_learns_resumes_to_the_bit_and_refuses_checkpoints_of_others() {
 }
 
 #[test]
+fn photographs_without_measured_depth_teach_by_what_they_show_of_each_other() {
+    let window = scene_windows::simulated_window(SimulatedScene::Generated(Kind::Desk, 3), (96, 64)).unwrap();
+    let trainer = |photometric: f32, agreement: f32| {
+        let config = DepthConfig { batch: 1, photometric, agreement, ..config(2) };
+        let cases = DepthCases::of_window(&window);
+        assert_eq!(cases.len(), 6);
+        DepthTrainer::new(config, cases).unwrap()
+    };
+    let mut taught = trainer(5.0, 0.0);
+    let pass =
+        |trainer: &DepthTrainer| trainer.pass(&DepthNetwork::for_training(&trainer.weights).unwrap(), 0);
+    let (_, gradient) = pass(&taught);
+    let length = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+    // A short way along the gradient changes the loss by as much.
+    let mut moved = |by: f64| {
+        let weights = taught.weights.values.clone();
+        for (weight, g) in taught.weights.values.iter_mut().zip(&gradient) {
+            *weight += (by * f64::from(*g) / length) as f32;
+        }
+        let (value, _) = pass(&taught);
+        taught.weights.values = weights;
+        value
+    };
+    let by = 1e-3;
+    let found = (moved(by) - moved(-by)) / (2.0 * by);
+    assert!((found / length - 1.0).abs() < 0.25, "{found} {length}");
+    let mut untaught = trainer(0.0, 0.0);
+    assert_eq!(untaught.step().unwrap().loss, 0.0);
+    assert_eq!(untaught.weights().values, DepthWeights::initial(config(1).seed).values);
+}
+
+#[test]
 fn any_number_of_threads_makes_the_same_weights() {
     let cache = tempfile::tempdir().unwrap();
+    let window = scene_windows::simulated_window(SimulatedScene::Generated(Kind::Desk, 3), (96, 64)).unwrap();
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let mut trainer = DepthTrainer::new(config(3), cases(cache.path())).unwrap();
+            let cases = cases(cache.path()).mixed_with(DepthCases::of_window(&window), 0.5);
+            let mut trainer = DepthTrainer::new(config(3), cases).unwrap();
             for _ in 0..3 {
                 trainer.step().unwrap();
             }
@@ -110,6 +144,8 @@ fn settings_out_of_range_and_files_that_are_damaged_are_named() {
         DepthConfig { batch: 0, ..config(1) },
         DepthConfig { batch: 5000, ..config(1) },
         DepthConfig { crop: (3, 16), ..config(1) },
+        DepthConfig { photometric: -1.0, ..config(1) },
+        DepthConfig { agreement: f32::NAN, ..config(1) },
         DepthConfig { rates: Rates { clip: f32::NAN, ..Rates::default() }, ..config(1) },
     ] {
         assert!(matches!(config.check(), Err(Error::Setting { .. })), "{config:?}");
