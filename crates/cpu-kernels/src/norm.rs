@@ -50,50 +50,52 @@ impl LayerNorm<'_> {
         assert_eq!(x.len() % self.weight.len().max(1), 0, "whole rows");
     }
 
-    /// out = (x - mean) / sqrt(variance + epsilon) of a row; returns the factor.
+    /// Mean and factor of a row, whose normal form is (x - mean) · factor. The mean is in two parts, which together have more digits than f32: an
+    /// offset does not blur small differences. None if f32 cannot hold the variance.
     #[inline(always)]
-    fn normalise<S: Simd>(&self, simd: S, x: &[f32], out: &mut [f32]) -> f32 {
+    fn moments<S: Simd>(&self, simd: S, x: &[f32]) -> Option<Moments> {
         let count = x.len() as f32;
-        // The mean in two parts, which together have more digits than f32: an offset does not blur small differences.
-        let near = simd.splat_f32s(
-            vector::sum(
-                simd,
-                x,
-                #[inline(always)]
-                |v| v,
-            ) / count,
-        );
-        let rest = simd.splat_f32s(
-            vector::sum(
-                simd,
-                x,
-                #[inline(always)]
-                |v| simd.sub_f32s(v, near),
-            ) / count,
-        );
-        let squares = vector::sum(
+        let near = vector::sum(
             simd,
             x,
             #[inline(always)]
-            |v| {
-                let apart = simd.sub_f32s(simd.sub_f32s(v, near), rest);
-                simd.mul_f32s(apart, apart)
-            },
+            |v| v,
+        ) / count;
+        let middle = simd.splat_f32s(near);
+        let (sum, squares) = vector::sum_and_squares(
+            simd,
+            x,
+            #[inline(always)]
+            |v| simd.sub_f32s(v, middle),
         );
-        let variance = squares / count;
-        if !variance.is_finite() {
+        let rest = sum / count;
+        // Differences from the first part: its error is all that their mean has.
+        let variance = squares / count - rest * rest;
+        variance.is_finite().then(|| Moments {
+            near,
+            rest,
+            factor: 1.0 / (variance.max(0.0) + self.epsilon).sqrt(),
+        })
+    }
+
+    /// out = (x - mean) / sqrt(variance + epsilon) of a row; returns the factor.
+    #[inline(always)]
+    fn normalise<S: Simd>(&self, simd: S, x: &[f32], out: &mut [f32]) -> f32 {
+        let Some(Moments { near, rest, factor }) = self.moments(simd, x) else {
             return self.normalise_wide(x, out);
-        }
-        let scale = 1.0 / (variance + self.epsilon).sqrt();
-        let factor = simd.splat_f32s(scale);
+        };
+        let [near, rest, by] = [near, rest, factor].map(
+            #[inline(always)]
+            |v| simd.splat_f32s(v),
+        );
         vector::map2(
             simd,
             out,
             x,
             #[inline(always)]
-            |_, v| simd.mul_f32s(simd.sub_f32s(simd.sub_f32s(v, near), rest), factor),
+            |_, v| simd.mul_f32s(simd.sub_f32s(simd.sub_f32s(v, near), rest), by),
         );
-        scale
+        factor
     }
 
     /// In f64: a row may be as large as f32 can hold, and its squares cannot.
@@ -110,6 +112,14 @@ impl LayerNorm<'_> {
     }
 }
 
+/// What a row is normalised by.
+struct Moments {
+    /// The mean, in two parts.
+    near: f32,
+    rest: f32,
+    factor: f32,
+}
+
 struct Forward<'a> {
     norm: &'a LayerNorm<'a>,
     x: &'a [f32],
@@ -124,13 +134,30 @@ impl WithSimd for Forward<'_> {
         let Self { norm, x, out } = self;
         let columns = norm.weight.len().max(1);
         for (x, out) in x.chunks_exact(columns).zip(out.chunks_exact_mut(columns)) {
-            norm.normalise(simd, x, out);
-            vector::map3(
+            let Some(Moments { near, rest, factor }) = norm.moments(simd, x) else {
+                norm.normalise_wide(x, out);
+                vector::map3(
+                    simd,
+                    out,
+                    (norm.weight, norm.bias),
+                    #[inline(always)]
+                    |v, weight, bias| simd.mul_add_e_f32s(v, weight, bias),
+                );
+                continue;
+            };
+            let [near, rest, factor] = [near, rest, factor].map(
+                #[inline(always)]
+                |v| simd.splat_f32s(v),
+            );
+            vector::write3(
                 simd,
                 out,
-                (norm.weight, norm.bias),
+                (x, norm.weight, norm.bias),
                 #[inline(always)]
-                |v, weight, bias| simd.mul_add_e_f32s(v, weight, bias),
+                |v, weight, bias| {
+                    let apart = simd.sub_f32s(simd.sub_f32s(v, near), rest);
+                    simd.mul_add_e_f32s(simd.mul_f32s(apart, factor), weight, bias)
+                },
             );
         }
     }

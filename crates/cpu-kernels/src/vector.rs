@@ -82,6 +82,33 @@ pub fn map3<S: Simd>(
     }
 }
 
+/// Writes f(a, b, c).
+///
+/// # Panics
+/// If the lengths do not agree.
+#[inline(always)]
+pub fn write3<S: Simd>(
+    simd: S,
+    out: &mut [f32],
+    (a, b, c): (&[f32], &[f32], &[f32]),
+    f: impl Fn(S::f32s, S::f32s, S::f32s) -> S::f32s,
+) {
+    assert!(out.len() == a.len() && out.len() == b.len() && out.len() == c.len(), "values side by side");
+    let (vectors, rest) = S::as_mut_simd_f32s(out);
+    let ((va, rest_a), (vb, rest_b), (vc, rest_c)) =
+        (S::as_simd_f32s(a), S::as_simd_f32s(b), S::as_simd_f32s(c));
+    for (((out, a), b), c) in vectors.iter_mut().zip(va).zip(vb).zip(vc) {
+        *out = f(*a, *b, *c);
+    }
+    if !rest.is_empty() {
+        let [a, b, c] = [rest_a, rest_b, rest_c].map(
+            #[inline(always)]
+            |v| simd.partial_load_f32s(v),
+        );
+        simd.partial_store_f32s(rest, f(a, b, c));
+    }
+}
+
 /// The sum of term(value) over all values, in four vectors of sums, so that no addition waits for the one before; in an
 /// order that depends on nothing but the instruction set. term(0) is to be 0.
 #[inline(always)]
@@ -103,6 +130,38 @@ pub fn sum<S: Simd>(simd: S, values: &[f32], term: impl Fn(S::f32s) -> S::f32s) 
     }
     let [a, b, c, d] = sums;
     simd.reduce_sum_f32s(simd.add_f32s(simd.add_f32s(a, b), simd.add_f32s(c, d)))
+}
+
+/// The sum of term(value) over all values, and that of its square, in the order of [`sum`].
+#[inline(always)]
+pub fn sum_and_squares<S: Simd>(simd: S, values: &[f32], term: impl Fn(S::f32s) -> S::f32s) -> (f32, f32) {
+    let (vectors, rest) = S::as_simd_f32s(values);
+    let (fours, more) = vectors.as_chunks::<4>();
+    let zero = simd.splat_f32s(0.0);
+    let (mut sums, mut squares) = ([zero; 4], [zero; 4]);
+    for four in fours {
+        for ((sum, square), v) in sums.iter_mut().zip(&mut squares).zip(four) {
+            let t = term(*v);
+            *sum = simd.add_f32s(*sum, t);
+            *square = simd.mul_add_e_f32s(t, t, *square);
+        }
+    }
+    for ((sum, square), v) in sums.iter_mut().zip(&mut squares).zip(more) {
+        let t = term(*v);
+        *sum = simd.add_f32s(*sum, t);
+        *square = simd.mul_add_e_f32s(t, t, *square);
+    }
+    if !rest.is_empty() {
+        let t = masked(simd, rest, term);
+        sums[3] = simd.add_f32s(sums[3], t);
+        squares[3] = simd.mul_add_e_f32s(t, t, squares[3]);
+    }
+    [sums, squares]
+        .map(
+            #[inline(always)]
+            |[a, b, c, d]| simd.reduce_sum_f32s(simd.add_f32s(simd.add_f32s(a, b), simd.add_f32s(c, d))),
+        )
+        .into()
 }
 
 /// term(value) of fewer values than a vector has, with zeros beside them.
