@@ -149,7 +149,8 @@ impl Config {
                 ..Rates::default()
             },
             warm_up: 0,
-            last_rate: 0.45,
+            damping: 0.6,
+            last_rate: 0.15,
             momentum: 0.4,
             loss: Loss { dssim: 0.08, ..Loss::default() },
             prune: false,
