@@ -68,6 +68,28 @@ fn pixels_that_stereo_filled_in_are_drawn_less_often() {
 }
 
 #[test]
+fn a_fused_surface_has_as_many_gaussians_as_if_one_view_saw_it() {
+    let views = &COURTYARD.0[..3];
+    let (allocation, sampler) = (Allocation::Random, Sampler::Systematic);
+    let config = Config { allocation, sampler, fuse: true, far_shell: false, ..given_depth(1) };
+    let fused = run(views, &Config { budget: Budget::Tau(1.0), ..config.clone() });
+    let surfaces = depth_backbone::fuse(views, &fused.geometry).unwrap();
+    let (mut expected, mut shared) = (0.0, 0);
+    for (view, surface) in fused.geometry.iter().zip(&surfaces) {
+        for (&depth, &by) in view.depth.data().iter().zip(&surface.shared_by) {
+            expected += if depth > 0.0 { 1.0 / (1.0 + f64::from(by)) } else { 0.0 };
+            shared += usize::from(by > 0);
+        }
+    }
+    assert!(shared > 5000, "{shared}");
+    let found = fused.counts.total as f64;
+    assert!((found - expected).abs() < 3.0 * views.len() as f64, "{found}, expected {expected}");
+    check_exact(views, &config, 2_000);
+    let apart = run(views, &Config { fuse: false, ..config.clone() }).gaussians;
+    assert!(apart != run(views, &config).gaussians);
+}
+
+#[test]
 fn more_than_there_are_pixels_is_every_usable_pixel() {
     let views = &COURTYARD.0[..2];
     let usable = views.iter().map(|v| v.depth().unwrap().data().iter().filter(|&&d| d > 0.0).count());
