@@ -351,6 +351,8 @@ impl Mapper {
             views_per_step: views.len(),
             rates: refine::Rates { mean, rotation, scale, opacity, colour, ..rounds.rates },
             largest: LARGEST as f32,
+            // A map takes its steps from many keyframes, one after the other, so no single one may push far.
+            damping: refine::Config::default().damping,
             exposure: false,
             seed: self.config.seed ^ self.keyframes.count as u64,
             ..rounds

@@ -137,6 +137,7 @@ impl Config {
     #[must_use]
     pub fn rounds(rounds: usize, views: usize) -> Self {
         const VIEWS_PER_STEP: usize = 2;
+        const LAST_RATE: f64 = 0.45;
         Self {
             stop: Stop::Steps(rounds.saturating_mul(views.div_ceil(VIEWS_PER_STEP))),
             views_per_step: VIEWS_PER_STEP,
@@ -150,7 +151,8 @@ impl Config {
             },
             warm_up: 0,
             damping: 0.6,
-            last_rate: 0.15,
+            // The more rounds there are, the longer the way back from a large step.
+            last_rate: (LAST_RATE / rounds.max(1) as f64) as f32,
             momentum: 0.4,
             loss: Loss { dssim: 0.08, ..Loss::default() },
             prune: false,

@@ -347,7 +347,8 @@ impl DepthCases {
         let bare = Window { context, targets: Vec::new(), ..window.clone() };
         let Described { make, pack, .. } = described(bare, Some((held_out, String::new())));
         let items = pack(make().unwrap().unwrap());
-        Self { items, sources: Sources::one(vec![0..1]), hash: String::new() }
+        let whole = 0..items.len();
+        Self { items, sources: Sources::one([whole].into()), hash: String::new() }
     }
 
     /// SHA-256 of what decides the content of all of them.
