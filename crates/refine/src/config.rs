@@ -137,7 +137,8 @@ impl Config {
     #[must_use]
     pub fn rounds(rounds: usize, views: usize) -> Self {
         const VIEWS_PER_STEP: usize = 2;
-        const LAST_RATE: f64 = 0.45;
+        // With more rounds a step that went too far is taken back, so the first may be bolder; and the last have to settle.
+        let of_one = |value: f64| (value / rounds.max(1) as f64) as f32;
         Self {
             stop: Stop::Steps(rounds.saturating_mul(views.div_ceil(VIEWS_PER_STEP))),
             views_per_step: VIEWS_PER_STEP,
@@ -150,9 +151,8 @@ impl Config {
                 ..Rates::default()
             },
             warm_up: 0,
-            damping: 0.6,
-            // The more rounds there are, the longer the way back from a large step.
-            last_rate: (LAST_RATE / rounds.max(1) as f64) as f32,
+            damping: of_one(1.8),
+            last_rate: of_one(0.45),
             momentum: 0.4,
             loss: Loss { dssim: 0.08, ..Loss::default() },
             prune: false,
