@@ -71,11 +71,10 @@ impl LayerNorm<'_> {
         let rest = sum / count;
         // Differences from the first part: its error is all that their mean has.
         let variance = squares / count - rest * rest;
-        variance.is_finite().then(|| Moments {
-            near,
-            rest,
-            factor: 1.0 / (variance.max(0.0) + self.epsilon).sqrt(),
-        })
+        if !variance.is_finite() {
+            return None;
+        }
+        Some(Moments { near, rest, factor: 1.0 / (variance.max(0.0) + self.epsilon).sqrt() })
     }
 
     /// out = (x - mean) / sqrt(variance + epsilon) of a row; returns the factor.
@@ -84,10 +83,7 @@ impl LayerNorm<'_> {
         let Some(Moments { near, rest, factor }) = self.moments(simd, x) else {
             return self.normalise_wide(x, out);
         };
-        let [near, rest, by] = [near, rest, factor].map(
-            #[inline(always)]
-            |v| simd.splat_f32s(v),
-        );
+        let (near, rest, by) = (simd.splat_f32s(near), simd.splat_f32s(rest), simd.splat_f32s(factor));
         vector::map2(
             simd,
             out,
@@ -145,10 +141,8 @@ impl WithSimd for Forward<'_> {
                 );
                 continue;
             };
-            let [near, rest, factor] = [near, rest, factor].map(
-                #[inline(always)]
-                |v| simd.splat_f32s(v),
-            );
+            let (near, rest) = (simd.splat_f32s(near), simd.splat_f32s(rest));
+            let factor = simd.splat_f32s(factor);
             vector::write3(
                 simd,
                 out,

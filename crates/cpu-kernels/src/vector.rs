@@ -101,10 +101,8 @@ pub fn write3<S: Simd>(
         *out = f(*a, *b, *c);
     }
     if !rest.is_empty() {
-        let [a, b, c] = [rest_a, rest_b, rest_c].map(
-            #[inline(always)]
-            |v| simd.partial_load_f32s(v),
-        );
+        let [a, b, c] =
+            [simd.partial_load_f32s(rest_a), simd.partial_load_f32s(rest_b), simd.partial_load_f32s(rest_c)];
         simd.partial_store_f32s(rest, f(a, b, c));
     }
 }
@@ -156,12 +154,10 @@ pub fn sum_and_squares<S: Simd>(simd: S, values: &[f32], term: impl Fn(S::f32s) 
         sums[3] = simd.add_f32s(sums[3], t);
         squares[3] = simd.mul_add_e_f32s(t, t, squares[3]);
     }
-    [sums, squares]
-        .map(
-            #[inline(always)]
-            |[a, b, c, d]| simd.reduce_sum_f32s(simd.add_f32s(simd.add_f32s(a, b), simd.add_f32s(c, d))),
-        )
-        .into()
+    let ([a, b, c, d], [e, f, g, h]) = (sums, squares);
+    let sum = simd.add_f32s(simd.add_f32s(a, b), simd.add_f32s(c, d));
+    let square = simd.add_f32s(simd.add_f32s(e, f), simd.add_f32s(g, h));
+    (simd.reduce_sum_f32s(sum), simd.reduce_sum_f32s(square))
 }
 
 /// term(value) of fewer values than a vector has, with zeros beside them.
