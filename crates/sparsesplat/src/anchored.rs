@@ -43,7 +43,7 @@ pub struct Anchored {
 }
 
 /// Chooses pixels of `views` with known `geometry` and lifts them into space. Anchors have features where the views' geometry has. Of the
-/// configuration, backbone and head are not used. Of the neighbours that a head gathers, the first `covisible`, as far as there are so many, are
+/// configuration, backbone, head and fusion are not used: `geometry` is fused already, or not at all. Of the neighbours that a head gathers, the first `covisible`, as far as there are so many, are
 /// what other views see where they see the anchor (crate covisibility), nearest in the picture first; the rest are the nearest in space.
 ///
 /// # Errors

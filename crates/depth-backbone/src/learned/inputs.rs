@@ -408,7 +408,7 @@ mod tests {
         let expected = |own: &f32| 0.1 + 0.02 * (own + 1.0).max(0.0);
         assert!(filled.iter().zip(&inputs.own).all(|(w, own)| (w - expected(own)).abs() < 1e-6));
         assert_eq!(confidence, vec![MOST_UNCONFIRMED; n]);
-        // Where there is no surface it has no confidence.
+        // Where it says sky it has no confidence, and stereo's depth stays.
         let sky = Decoded { sky: vec![1.0; 12], ..decoded(sure) };
         assert_eq!(inputs.join(&sky, std::iter::repeat_n((0.3, 0.25), n)).1, vec![0.25; n]);
     }

@@ -1,6 +1,7 @@
 //! What photographs say of depth that nobody measured: how well it predicts each photograph from the others, held-out ones too, and whether
 //! the views' surfaces agree.
 
+use super::loss::KNEE;
 use depth_backbone::Pair;
 use gs_scene::View;
 use image_metrics::{SsimScratch, SsimTarget};
@@ -12,11 +13,10 @@ const DSSIM: f32 = 0.85;
 const GAINS: [f32; 2] = [0.75, 1.0 / 0.75];
 /// A pair of photographs with less than this share of its pixels in common is not compared.
 const LEAST_SEEN: f32 = 0.02;
-/// Surfaces within this many plane steps, or this part of their inverse depth, are one.
+/// Surfaces within this many plane steps, or this part of their inverse depth, are one, as in the check between the views
+/// (depth-backbone/src/consistency.rs).
 const SAME: f32 = 1.5;
 const SAME_RELATIVE: f32 = 0.015;
-/// Disagreement below this, plane steps, weighs by its size; larger one by its logarithm.
-const KNEE: f32 = 0.5;
 
 /// Weights of the two errors.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@ use depth_backbone::{Decoded, Inputs};
 
 /// Errors below this, plane steps, weigh by their size; larger ones by its logarithm, so that gross errors, which nothing in the views
 /// may resolve, do not take the gradient …
-const KNEE: f32 = 0.5;
+pub(super) const KNEE: f32 = 0.5;
 /// … but for this share of their size.
 const FLOOR: f32 = 0.05;
 /// Weight of the likelihood of the expected error (Laplace), and of that of sky.
