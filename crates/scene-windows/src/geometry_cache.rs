@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use tensor_files::{Kept, KeptFault, KeptTensor, singles, write_kept};
 
 /// Changes when the layout of a file or what a backbone computes does.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 /// What the files are.
 const KIND: &str = "geometry";

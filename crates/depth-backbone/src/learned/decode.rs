@@ -43,12 +43,16 @@ impl Decoded {
     /// Probability that a pixel's error is small, of an error that has Laplace's distribution; 0 where there is no surface.
     #[must_use]
     pub fn confidence(&self, width: usize) -> Vec<f32> {
-        let half = width.div_ceil(2);
-        let probability = |(i, log_error): (usize, &f32)| {
-            let sky = self.sky[i / width / 2 * half + i % width / 2] > 0.0;
-            if sky { 0.0 } else { 1.0 - (-GOOD * (-log_error).exp()).exp() }
+        let probability = |(pixel, log_error): (usize, &f32)| {
+            if self.is_sky(pixel, width) { 0.0 } else { 1.0 - (-GOOD * (-log_error).exp()).exp() }
         };
         self.log_error.iter().enumerate().map(probability).collect()
+    }
+
+    /// Whether there is more likely no surface than one, at a pixel of rows of `width`.
+    #[must_use]
+    pub fn is_sky(&self, pixel: usize, width: usize) -> bool {
+        self.sky[pixel / width / 2 * width.div_ceil(2) + pixel % width / 2] > 0.0
     }
 }
 

@@ -208,19 +208,26 @@ impl Inputs {
     }
 
     /// Inverse depth and confidence of every pixel: `stereo`'s, given as such pairs, where the views confirm it and where the network is unsure, the
-    /// network's elsewhere. Confirmed surfaces are as good as they need to be: with the exact depth there, closed-form scenes are no better
-    /// (docs/bench/learned-depth.md).
+    /// network's elsewhere. What no view confirms and the network takes for sky has a confidence of 0. Confirmed surfaces are as good as they need to
+    /// be: with the exact depth there, closed-form scenes are no better (docs/bench/learned-depth.md).
     #[must_use]
     pub fn join(&self, decoded: &Decoded, stereo: impl Iterator<Item = (f32, f32)>) -> (Vec<f32>, Vec<f32>) {
-        let corrected = self.own.iter().zip(&decoded.correction).map(|(w, by)| w + by);
         let [far, step] = self.unit;
         let confidence = decoded.confidence(self.width);
-        let by_network = corrected.zip(confidence).map(|(steps, c)| (far + step * steps.max(0.0), c));
-        let choose = |(stereo, (w, confidence)): ((f32, f32), (f32, f32))| {
-            let is_kept = stereo.1 >= 0.5 || confidence < LEAST_CONFIDENCE;
-            if is_kept { stereo } else { (w, confidence.min(MOST_UNCONFIRMED)) }
+        let choose = |(pixel, stereo): (usize, (f32, f32))| {
+            let (filled, confirmed) = stereo;
+            if confirmed >= 0.5 {
+                stereo
+            } else if decoded.is_sky(pixel, self.width) {
+                (filled, 0.0)
+            } else if confidence[pixel] < LEAST_CONFIDENCE {
+                stereo
+            } else {
+                let steps = self.own[pixel] + decoded.correction[pixel];
+                (far + step * steps.max(0.0), confidence[pixel].min(MOST_UNCONFIRMED))
+            }
         };
-        stereo.zip(by_network).map(choose).unzip()
+        stereo.enumerate().map(choose).unzip()
     }
 
     /// Confidence of stereo, `[height, width]`.
@@ -408,9 +415,12 @@ mod tests {
         let expected = |own: &f32| 0.1 + 0.02 * (own + 1.0).max(0.0);
         assert!(filled.iter().zip(&inputs.own).all(|(w, own)| (w - expected(own)).abs() < 1e-6));
         assert_eq!(confidence, vec![MOST_UNCONFIRMED; n]);
-        // Where it says sky it has no confidence, and stereo's depth stays.
-        let sky = Decoded { sky: vec![1.0; 12], ..decoded(sure) };
-        assert_eq!(inputs.join(&sky, std::iter::repeat_n((0.3, 0.25), n)).1, vec![0.25; n]);
+        // Sky has no confidence, unless other views confirm that there is something.
+        let sky = Decoded { sky: vec![1.0; 12], ..decoded(unsure) };
+        for (stereo, expected) in [(0.25, 0.0), (0.5, 0.5)] {
+            let joined = inputs.join(&sky, std::iter::repeat_n((0.3, stereo), n));
+            assert_eq!(joined, (vec![0.3; n], vec![expected; n]));
+        }
     }
 
     #[test]
