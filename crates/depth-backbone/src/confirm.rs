@@ -79,7 +79,7 @@ fn disagreeing<'a>(
         .map(|other| &agreed[other])
         .zip(witnesses(index, matched, inverse_depths, planes))
         .collect();
-    let (width, tolerance) = (matched[index].texture.width, Tolerance::of(planes));
+    let (width, tolerance) = (matched[index].texture.width, Tolerance::of_step(planes.step()));
     move |pixel| {
         let (u, v) = ((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
         let w = inverse_depths[index][pixel];

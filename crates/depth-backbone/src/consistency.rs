@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use std::cmp::Ordering;
 
 /// Two inverse depths agree within this relative difference …
-pub(crate) const RELATIVE_TOLERANCE: f32 = 0.015;
+const RELATIVE_TOLERANCE: f32 = 0.015;
 /// … or within this many plane steps, whichever is more.
 const STEP_TOLERANCE: f32 = 1.5;
 /// Mean colour difference (0..1) above which a point that floats before another view's surface is dropped.
@@ -15,19 +15,23 @@ const FLOATING_DIFFERENCE: f32 = 0.1;
 /// Mean colour difference above which any point is dropped.
 const WRONG_DIFFERENCE: f32 = 0.2;
 
-/// How far two inverse depths of one surface may be apart.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Tolerance {
-    /// Part of the inverse depth …
-    pub(crate) relative: f32,
-    /// … or this, whichever is more.
-    pub(crate) least: f32,
+/// How far two inverse depths of one surface may be apart: 1.5 %, which is the default, or more where planes are farther apart.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Tolerance {
+    least: f32,
 }
 
 impl Tolerance {
-    /// Of stereo with these planes.
-    pub(crate) fn of(planes: &Planes) -> Self {
-        Self { relative: RELATIVE_TOLERANCE, least: STEP_TOLERANCE * planes.step() }
+    /// Of stereo whose planes are this far apart in inverse depth: one and a half steps, if that is more.
+    #[must_use]
+    pub fn of_step(step: f32) -> Self {
+        Self { least: STEP_TOLERANCE * step }
+    }
+
+    /// At an inverse depth, in its unit.
+    #[must_use]
+    pub fn at(self, inverse_depth: f32) -> f32 {
+        (RELATIVE_TOLERANCE * inverse_depth).max(self.least)
     }
 }
 
@@ -121,7 +125,7 @@ impl<'a> Witness<'a> {
     /// Whether a point that a pixel of the other view sees at inverse depth `seen` is nearer than the surface there, farther, or on it.
     fn compare(&self, pixel: usize, seen: f32, tolerance: Tolerance) -> Ordering {
         let inverse_depth = self.inverse_depth[pixel];
-        let tolerance = (tolerance.relative * seen).max(tolerance.least);
+        let tolerance = tolerance.at(seen);
         if seen > inverse_depth + tolerance {
             Ordering::Greater
         } else if seen < inverse_depth - tolerance {
@@ -139,7 +143,7 @@ pub(crate) fn agree(
     witnesses: &[Witness],
     planes: &Planes,
 ) -> Vec<(u8, f32)> {
-    let (width, tolerance) = (view.camera().width(), Tolerance::of(planes));
+    let (width, tolerance) = (view.camera().width(), Tolerance::of_step(planes.step()));
     let judge = |(i, &w): (usize, &f32)| {
         let (u, v) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
         let (mut count, mut sum) = (0_u8, w);
@@ -162,7 +166,7 @@ pub(crate) fn contradicted(
     witnesses: &[Witness],
     planes: &Planes,
 ) -> Vec<bool> {
-    let (width, tolerance) = (view.camera().width(), Tolerance::of(planes));
+    let (width, tolerance) = (view.camera().width(), Tolerance::of_step(planes.step()));
     let judge = |differences: &mut Vec<f32>, (i, &w): (usize, &f32)| {
         let (x, y) = (i % width, i / width);
         let (u, v) = (x as f32 + 0.5, y as f32 + 0.5);

@@ -1,13 +1,10 @@
 //! Surfaces that several views see, joined.
 
 use crate::backbone::ViewGeometry;
-use crate::consistency::{Opinion, RELATIVE_TOLERANCE, Tolerance, Witness};
+use crate::consistency::{Opinion, Tolerance, Witness};
 use crate::{Error, Result};
 use gs_scene::{DepthMap, View};
 use rayon::prelude::*;
-
-/// As stereo's, whose planes measured depth does not have.
-const TOLERANCE: Tolerance = Tolerance { relative: RELATIVE_TOLERANCE, least: 0.0 };
 
 /// One view's depth, joined with that of the others.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,7 +54,7 @@ pub fn fuse(views: &[View], geometry: &[ViewGeometry]) -> Result<Vec<FusedView>>
             let own = geometry[index].confidence[pixel];
             let (mut sum, mut weight) = (own * w, own);
             for (witness, confidence) in &others {
-                if let Opinion::Agrees { pixel: theirs, inverse_depth } = witness.opinion(u, v, w, TOLERANCE)
+                if let Opinion::Agrees { pixel: theirs, inverse_depth } = witness.opinion(u, v, w, Tolerance::default())
                 {
                     sum += confidence[theirs] * inverse_depth;
                     weight += confidence[theirs];

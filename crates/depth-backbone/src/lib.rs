@@ -30,6 +30,7 @@ mod estimate;
 mod features;
 
 pub use backbone::{DepthBackbone, NetworkDevice, ViewGeometry, Wanted};
+pub use consistency::Tolerance;
 #[cfg(feature = "depthsplat")]
 pub use depthsplat::{
     DepthSplat, NamedTensor, PixelGaussians, Scales, StageTime, Trace, Variant, Vit, WeightFault,

@@ -48,15 +48,18 @@ struct Colours([Plane; 3]);
 pub(super) struct Trace {
     /// What is left of the light from behind; its sign is negative where the pixel is done.
     pub(super) transmittance: Plane,
-    /// Place in the tile's list of the last splat that is drawn in the pixel, counted from 1; 0 where there is none. Kept
-    /// only when recording.
-    pub(super) last: Plane<u32>,
+    /// Place in the tile's list of the splat at which the pixel was done, counted from 1: neither it nor what follows is drawn. 0 beyond the
+    /// image's edge, [`NEVER`] where all splats are drawn.
+    pub(super) done: Plane<i32>,
     /// Σ w and Σ w (z - `nearest`), kept only when depth is asked for.
     pub(super) weight: Plane,
     pub(super) depth: Plane,
     /// z-depth of the tile's first splat. Depths are taken from here: of a thin layer f32 would leave little else.
     pub(super) nearest: f32,
 }
+
+/// A place that no splat has.
+const NEVER: i32 = i32::MAX;
 
 /// Thresholds of the blending.
 #[derive(Clone, Copy)]
@@ -96,12 +99,7 @@ pub(super) fn blend(
 ) {
     let grid = lists.grid;
     let limits = Limits::new(settings);
-    let blend_tile = match (settings.depth, record) {
-        (false, false) => blend_tile::<false, false>,
-        (false, true) => blend_tile::<false, true>,
-        (true, false) => blend_tile::<true, false>,
-        (true, true) => blend_tile::<true, true>,
-    };
+    let blend_tile = if settings.depth { blend_tile::<true> } else { blend_tile::<false> };
     let band = TILE * grid.width;
     let mut depth_bands: Vec<&mut [f32]> = if depth.is_empty() {
         (0..grid.rows).map(|_| <&mut [f32]>::default()).collect()
@@ -169,7 +167,7 @@ impl Trace {
     fn new() -> Self {
         Self {
             transmittance: [[0.0; LANES]; PATCHES],
-            last: [[0; LANES]; PATCHES],
+            done: [[0; LANES]; PATCHES],
             weight: [[0.0; LANES]; PATCHES],
             depth: [[0.0; LANES]; PATCHES],
             nearest: 0.0,
@@ -186,7 +184,7 @@ impl Tile<'_> {
         for y in 0..TILE.min(grid.height - row * TILE) {
             for x in 0..TILE.min(grid.width - column * TILE) {
                 let (patch, lane) = patch(x, y);
-                self.trace.transmittance[patch][lane] = 1.0;
+                (self.trace.transmittance[patch][lane], self.trace.done[patch][lane]) = (1.0, NEVER);
             }
         }
     }
@@ -282,7 +280,7 @@ impl Local {
             return None;
         }
         let splat = |v: f32| simd.splat_f32s(v);
-        let down = simd.add_f32s(vectors::<S>(&DOWN)[vector], splat((row * SIDE) as f32));
+        let down = simd.add_f32s(vectors::<S>(&DOWN)[vector], splat((row * SIDE) as i32 as f32));
         let dy = simd.sub_f32s(down, splat(self.y));
         let falloff = simd.mul_f32s(simd.mul_f32s(splat(self.falloff[1]), dy), dy);
         Some(Row {
@@ -298,7 +296,7 @@ impl Local {
 impl<S: Simd> Row<S> {
     #[inline(always)]
     pub(super) fn touch(&self, simd: S, column: usize, limits: Limits) -> Touch<S> {
-        let across = simd.add_f32s(self.across, simd.splat_f32s((column * SIDE) as f32));
+        let across = simd.add_f32s(self.across, simd.splat_f32s((column * SIDE) as i32 as f32));
         let dx = simd.sub_f32s(across, self.middle);
         let log2_alpha = simd.mul_add_e_f32s(simd.mul_f32s(self.falloff, dx), dx, self.log2_alpha);
         let least = simd.splat_f32s(limits.log2_alpha_min);
@@ -339,23 +337,18 @@ pub(super) fn origin(grid: Grid, tile: usize) -> [u32; 2] {
 }
 
 /// Adds the splats of tile number `index` to `tile`.
-fn blend_tile<const DEPTH: bool, const RECORD: bool>(
-    tile: Tile<'_>,
-    lists: Lists,
-    index: usize,
-    limits: Limits,
-) {
-    dispatch(lists.isa, Blend::<DEPTH, RECORD> { tile, lists, index, limits });
+fn blend_tile<const DEPTH: bool>(tile: Tile<'_>, lists: Lists, index: usize, limits: Limits) {
+    dispatch(lists.isa, Blend::<DEPTH> { tile, lists, index, limits });
 }
 
-struct Blend<'a, const DEPTH: bool, const RECORD: bool> {
+struct Blend<'a, const DEPTH: bool> {
     tile: Tile<'a>,
     lists: Lists<'a>,
     index: usize,
     limits: Limits,
 }
 
-impl<const DEPTH: bool, const RECORD: bool> WithSimd for Blend<'_, DEPTH, RECORD> {
+impl<const DEPTH: bool> WithSimd for Blend<'_, DEPTH> {
     type Output = ();
 
     #[inline(always)]
@@ -363,7 +356,7 @@ impl<const DEPTH: bool, const RECORD: bool> WithSimd for Blend<'_, DEPTH, RECORD
         let Self { tile, lists, index, limits } = self;
         let origin = origin(lists.grid, index);
         let Tile { colours: Colours(rgb), trace } = tile;
-        let mut place = 0u32;
+        let mut place = 0;
         let mut batch = [Splat::NONE; BATCH];
         for indices in lists.bins.pieces(index).flat_map(|piece| piece.chunks(BATCH)) {
             if trace.transmittance.iter().flatten().all(|&t| t <= 0.0) {
@@ -380,7 +373,7 @@ impl<const DEPTH: bool, const RECORD: bool> WithSimd for Blend<'_, DEPTH, RECORD
                         if let Some(row) = local.row(simd, y, v) {
                             for x in local.columns.clone() {
                                 let target = Place { patch: (y * SIDE + x) % PATCHES, v, place };
-                                blend_vector::<S, DEPTH, RECORD>(
+                                blend_vector::<S, DEPTH>(
                                     simd,
                                     (rgb, trace),
                                     splat,
@@ -402,12 +395,12 @@ impl<const DEPTH: bool, const RECORD: bool> WithSimd for Blend<'_, DEPTH, RECORD
 struct Place {
     patch: usize,
     v: usize,
-    place: u32,
+    place: i32,
 }
 
 /// Adds a splat to a vector of pixels.
 #[inline(always)]
-fn blend_vector<S: Simd, const DEPTH: bool, const RECORD: bool>(
+fn blend_vector<S: Simd, const DEPTH: bool>(
     simd: S,
     (rgb, trace): (&mut [Plane; 3], &mut Trace),
     splat: &Splat,
@@ -417,22 +410,27 @@ fn blend_vector<S: Simd, const DEPTH: bool, const RECORD: bool>(
 ) {
     let transmittance = &mut vectors_mut::<S>(&mut trace.transmittance[patch])[v];
     let before = *transmittance;
-    let seen = simd.and_m32s(touch.is_seen, simd.greater_than_f32s(before, simd.splat_f32s(0.0)));
+    let zero = simd.splat_f32s(0.0);
+    let seen = simd.and_m32s(touch.is_seen, simd.greater_than_f32s(before, zero));
     if !any(simd, seen) {
         return;
     }
     let (_, alpha) = touch.alpha(simd, limits);
-    let after = simd.mul_f32s(before, simd.sub_f32s(simd.splat_f32s(1.0), alpha));
-    let lasts = simd.greater_than_or_equal_f32s(after, simd.splat_f32s(limits.transmittance_min));
-    let drawn = simd.and_m32s(seen, lasts);
-    let weight = select(simd, drawn, simd.mul_f32s(before, alpha), simd.splat_f32s(0.0));
-    // Where the splat would leave too little light it is not drawn, and the pixel is done.
-    let undrawn = select(simd, seen, neg(simd, before), before);
-    *transmittance = select(simd, drawn, after, undrawn);
-    if RECORD {
-        let last = &mut S::as_mut_simd_u32s(&mut trace.last[patch]).0[v];
-        *last = simd.select_u32s(drawn, simd.splat_u32s(place), *last);
+    // A share of 0 changes nothing. (A select between what is stored and something else would be compiled into a masked store, which takes
+    // some processors with AVX2 as long as a quarter of all the rest.)
+    let mut share = select(simd, seen, alpha, zero);
+    let mut after = simd.mul_f32s(before, simd.sub_f32s(simd.splat_f32s(1.0), share));
+    let dark = simd.less_than_f32s(after, simd.splat_f32s(limits.transmittance_min));
+    let stops = simd.and_m32s(seen, dark);
+    if any(simd, stops) {
+        // Where the splat would leave too little light it is not drawn, and the pixel is done.
+        share = select(simd, stops, zero, share);
+        after = select(simd, stops, neg(simd, before), after);
+        let done = &mut S::as_mut_simd_i32s(&mut trace.done[patch]).0[v];
+        *done = simd.select_i32s(stops, simd.splat_i32s(place), *done);
     }
+    *transmittance = after;
+    let weight = simd.mul_f32s(before, share);
     for (channel, &colour) in rgb.iter_mut().zip(&splat.rgb) {
         let sum = &mut vectors_mut::<S>(&mut channel[patch])[v];
         *sum = simd.mul_add_e_f32s(weight, simd.splat_f32s(colour), *sum);

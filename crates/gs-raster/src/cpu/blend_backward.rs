@@ -1,6 +1,6 @@
 //! The blending of every tile backwards: from gradients by pixels to sums per splat.
 //!
-//! A pixel's splats are walked back to front from the last that was drawn, with the numbers and decisions of the pass
+//! A pixel's splats are walked back to front from the one at which it was done, with the numbers and decisions of the pass
 //! forward. With w = α T and q = ∂L/∂w of each splat (its colour times the pixel's gradient, and what its depth does to
 //! the expected depth), ∂L/∂α = T (q - B), where B is q of what is behind, blended as the colours are. T is divided by
 //! 1 - α at each step, the very number it was multiplied by.
@@ -144,7 +144,7 @@ struct Tile {
     /// B: what is behind, blended as if nothing stood before it.
     behind: Plane,
     /// As in [`Trace`].
-    last: Plane<u32>,
+    done: Plane<i32>,
     /// Σ gradient by colour times what shows of the background.
     background: [f64; 3],
 }
@@ -166,7 +166,7 @@ impl Tile {
             nearest: trace.nearest,
             transmittance: trace.transmittance.map(|patch| patch.map(f32::abs)),
             behind: [[0.0; LANES]; PATCHES],
-            last: trace.last,
+            done: trace.done,
             background: [0.0; 3],
         });
         let inverse = unit.recip();
@@ -211,8 +211,8 @@ fn blend_tile<const DEPTH: bool, const SHARED: bool>(
     limits: Limits,
 ) {
     // Out here, where the compiler has no vectors that gather.
-    let deepest = tile.last.iter().flatten().copied().fold(0, u32::max);
-    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, moments, lists, index, limits, deepest });
+    let end = tile.done.iter().flatten().copied().fold(0, i32::max);
+    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, moments, lists, index, limits, end });
 }
 
 struct Blend<'a, const DEPTH: bool, const SHARED: bool> {
@@ -221,8 +221,8 @@ struct Blend<'a, const DEPTH: bool, const SHARED: bool> {
     lists: Lists<'a>,
     index: usize,
     limits: Limits,
-    /// Place of the last splat that is drawn in any pixel, counted from 1.
-    deepest: u32,
+    /// Place of the splat from which on none is drawn in any pixel, counted from 1.
+    end: i32,
 }
 
 impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED> {
@@ -230,18 +230,18 @@ impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { tile, moments, lists, index, limits, deepest } = self;
+        let Self { tile, moments, lists, index, limits, end } = self;
         let origin = origin(lists.grid, index);
-        let mut place = moments.len() as u32 + 1;
+        let mut place = moments.len() as i32 + 1;
         let mut batch = [Splat::NONE; BATCH];
         for indices in lists.bins.pieces(index).rev().flat_map(|piece| piece.rchunks(BATCH)) {
-            if place - indices.len() as u32 > deepest {
-                place -= indices.len() as u32;
+            if place - indices.len() as i32 >= end {
+                place -= indices.len() as i32;
                 continue;
             }
             for splat in lists.splats.fetch(indices, &mut batch).iter().rev() {
                 place -= 1;
-                if place > deepest {
+                if place >= end {
                     continue;
                 }
                 let local = Local::new(splat, origin);
@@ -282,7 +282,7 @@ struct Place {
     patch: usize,
     v: usize,
     x: usize,
-    place: u32,
+    place: i32,
 }
 
 /// Sums of a splat over the patches of a row: s, s dx, s dx²; and of its share the products with the gradients by colour and
@@ -328,8 +328,8 @@ fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
 ) {
     let number = |v: f32| simd.splat_f32s(v);
     let touch = row.touch(simd, x, limits);
-    let last = S::as_simd_u32s(&tile.last[patch]).0[v];
-    let drawn = simd.and_m32s(touch.is_seen, simd.greater_than_u32s(last, simd.splat_u32s(place - 1)));
+    let done = S::as_simd_i32s(&tile.done[patch]).0[v];
+    let drawn = simd.and_m32s(touch.is_seen, simd.greater_than_i32s(done, simd.splat_i32s(place)));
     if !any(simd, drawn) {
         return;
     }
@@ -338,12 +338,14 @@ fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
     // A clamped opacity does not follow the splat.
     let clamped = simd.greater_than_f32s(unclamped, number(limits.alpha_max));
     let follows = simd.and_m32s(drawn, simd.not_m32s(clamped));
-    let transmittance = &mut vectors_mut::<S>(&mut tile.transmittance[patch])[v];
-    let before = simd.div_f32s(*transmittance, simd.sub_f32s(number(1.0), alpha));
-    *transmittance = select(simd, drawn, before, *transmittance);
-    let slope = simd.mul_f32s(simd.mul_f32s(number(LN_2), alpha), before);
-    let weight = select(simd, drawn, simd.mul_f32s(before, alpha), number(0.0));
+    // Where the splat is not drawn its share is 0, and nothing changes. (A select of what is stored would be compiled into a masked store,
+    // which is slow on some processors with AVX2.)
     let share = select(simd, drawn, alpha, number(0.0));
+    let transmittance = &mut vectors_mut::<S>(&mut tile.transmittance[patch])[v];
+    let before = simd.div_f32s(*transmittance, simd.sub_f32s(number(1.0), share));
+    *transmittance = before;
+    let slope = simd.mul_f32s(simd.mul_f32s(number(LN_2), share), before);
+    let weight = simd.mul_f32s(before, share);
 
     if SHARED {
         let value = vectors::<S>(&tile.values[patch])[v];

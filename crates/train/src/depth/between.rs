@@ -2,7 +2,7 @@
 //! the views' surfaces agree.
 
 use super::loss::KNEE;
-use depth_backbone::Pair;
+use depth_backbone::{Pair, Tolerance};
 use gs_scene::View;
 use image_metrics::{SsimScratch, SsimTarget};
 use rayon::prelude::*;
@@ -13,10 +13,6 @@ const DSSIM: f32 = 0.85;
 const GAINS: [f32; 2] = [0.75, 1.0 / 0.75];
 /// A pair of photographs with less than this share of its pixels in common is not compared.
 const LEAST_SEEN: f32 = 0.02;
-/// Surfaces within this many plane steps, or this part of their inverse depth, are one, as in the check between the views
-/// (depth-backbone/src/consistency.rs).
-const SAME: f32 = 1.5;
-const SAME_RELATIVE: f32 = 0.015;
 
 /// Weights of the two errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,11 +79,6 @@ fn middle(pixel: usize, width: usize) -> (f32, f32) {
 
 fn size(view: &View) -> (usize, usize) {
     (view.image().width(), view.image().height())
-}
-
-/// How much nearer a surface may be before it hides a point at inverse depth `w`.
-fn tolerance(w: f32, step: f32) -> f32 {
-    (SAME_RELATIVE * w).max(SAME * step)
 }
 
 /// Mean error of the context views, and its gradient by their predicted inverse depths. `held_out` are further photographs; `step` is a plane
@@ -164,7 +155,7 @@ fn warped(surface: &Surface, other: &View, front: &[f32], step: f32) -> Warped {
     let (width, height) = size(other);
     let columns = size(surface.view).0;
     let pair = Pair::new(surface.view.camera(), other.camera());
-    let n = surface.predicted.len();
+    let (n, tolerance) = (surface.predicted.len(), Tolerance::of_step(step));
     let mut out =
         Warped { colours: vec![[0.0; 3]; n], by_inverse_depth: vec![[0.0; 3]; n], seen: vec![false; n] };
     // What stereo's surface hides stays hidden: as the network's moves, points would be hidden in one step and seen in the next, and such
@@ -172,7 +163,7 @@ fn warped(surface: &Surface, other: &View, front: &[f32], step: f32) -> Warped {
     let is_hidden = |pixel: usize| {
         let place = Landing::new(&pair, middle(pixel, columns), surface.stereo[pixel], (width, height));
         place.is_some_and(|place| {
-            place.inverse_depth < front[place.pixel(width)] - tolerance(place.inverse_depth, step)
+            place.inverse_depth < front[place.pixel(width)] - tolerance.at(place.inverse_depth)
         })
     };
     for (pixel, &w) in surface.predicted.iter().enumerate() {
@@ -285,7 +276,7 @@ fn agreement(surfaces: &[Surface], index: usize, step: f32, weight: f32, gradien
     let own = &surfaces[index];
     let columns = size(own.view).0;
     let pairs = own.predicted.len() * surfaces.len().saturating_sub(1).max(1);
-    let share = weight / pairs as f32;
+    let (share, tolerance) = (weight / pairs as f32, Tolerance::of_step(step));
     let mut sum = 0.0;
     for (j, other) in surfaces.iter().enumerate().filter(|(j, _)| *j != index) {
         let pair = Pair::new(own.view.camera(), other.view.camera());
@@ -294,7 +285,7 @@ fn agreement(surfaces: &[Surface], index: usize, step: f32, weight: f32, gradien
             let Some(landing) = Landing::new(&pair, middle(pixel, columns), w, to) else { continue };
             let theirs = landing.pixel(to.0);
             let nearer = landing.inverse_depth - other.joined[theirs];
-            if nearer < -tolerance(landing.inverse_depth, step) {
+            if nearer < -tolerance.at(landing.inverse_depth) {
                 continue;
             }
             let steps = nearer / step;

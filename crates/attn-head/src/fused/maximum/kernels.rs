@@ -86,6 +86,9 @@ impl WithSimd for Hidden<'_> {
 
 /// Vectors in registers at a time.
 const CHUNK: usize = 8;
+/// The same, of two kinds: where they are in memory, a select between them is compiled into a masked store, which is slow on some
+/// processors with AVX2.
+const PAIRED: usize = CHUNK / 2;
 
 /// The largest value of each channel over the pairs of an anchor, and the first pair that has it.
 pub(super) struct Largest<'a> {
@@ -101,21 +104,24 @@ impl WithSimd for Largest<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { products, values, picks } = self;
         let (first, others) = products.split_first().expect("an anchor sees itself");
-        let picks = S::as_mut_simd_u32s(picks).0.as_chunks_mut::<CHUNK>().0;
-        for (chunk, (values, picks)) in chunks_mut::<S>(values).iter_mut().zip(picks).enumerate() {
-            *values = chunks::<S>(first)[chunk];
-            *picks = [simd.splat_u32s(0); CHUNK];
+        let values = vectors_mut::<S>(values).as_chunks_mut::<PAIRED>().0;
+        let picks = S::as_mut_simd_u32s(picks).0.as_chunks_mut().0;
+        for (part, (values, picks)) in values.iter_mut().zip(picks).enumerate() {
+            let mut largest = vectors::<S>(first).as_chunks::<PAIRED>().0[part];
+            let mut places = [simd.splat_u32s(0); PAIRED];
             for (pair, products) in (1..).zip(others) {
-                let (products, pair) = (&chunks::<S>(products)[chunk], simd.splat_u32s(pair));
-                for i in 0..CHUNK {
+                let (products, pair) =
+                    (&vectors::<S>(products).as_chunks::<PAIRED>().0[part], simd.splat_u32s(pair));
+                for i in 0..PAIRED {
                     // What is not a number is never passed over.
                     let number = simd.equal_f32s(products[i], products[i]);
-                    let larger = simd.greater_than_f32s(products[i], values[i]);
+                    let larger = simd.greater_than_f32s(products[i], largest[i]);
                     let larger = simd.or_m32s(larger, simd.not_m32s(number));
-                    values[i] = select(simd, larger, products[i], values[i]);
-                    picks[i] = simd.select_u32s(larger, pair, picks[i]);
+                    largest[i] = select(simd, larger, products[i], largest[i]);
+                    places[i] = simd.select_u32s(larger, pair, places[i]);
                 }
             }
+            (*values, *picks) = (largest, places);
         }
     }
 }
