@@ -9,6 +9,10 @@ use pulp::{Simd, cast};
 ///
 /// As [`neg`] and [`abs`] it stands in for pulp's default method, which is merely `#[inline]`: whether that is inlined, the compiler
 /// decides, and where it is not, each vector makes two calls.
+///
+/// If one operand was read from memory and the result goes back there, the compiler may turn load, select and store into one masked store,
+/// which is slow on AMD processors with AVX2 (docs/bench/instruction-sets.md, *Masked stores*): keep such a number in a register, or change it
+/// by arithmetic that leaves it as it is elsewhere.
 #[inline(always)]
 pub fn select<S: Simd>(simd: S, mask: S::m32s, yes: S::f32s, no: S::f32s) -> S::f32s {
     cast(simd.select_u32s(mask, cast(yes), cast(no)))

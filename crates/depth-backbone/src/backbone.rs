@@ -7,8 +7,8 @@ use gs_scene::{DepthMap, Gaussians, View};
 pub struct ViewGeometry {
     /// z-depth, scene units; 0 where there is none.
     pub depth: DepthMap,
-    /// How far the depth can be trusted, `[height, width]`, 0..1. Below ½ it was filled in from neighbours; at 0 there
-    /// is none, or the photographs contradict it.
+    /// How far the depth can be trusted, `[height, width]`, 0..1. Below ½ it was filled in from neighbours or by the learned stage; at 0
+    /// there is none, the photographs contradict it, or the learned stage takes the pixel for sky.
     pub confidence: Vec<f32>,
     /// Image features F, if they were wanted. [`ViewGeometry::feature_map`] gives them as a map, [`ViewGeometry::bank_at`] at some pixels.
     pub features: Option<Features>,

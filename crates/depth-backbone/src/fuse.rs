@@ -54,7 +54,8 @@ pub fn fuse(views: &[View], geometry: &[ViewGeometry]) -> Result<Vec<FusedView>>
             let own = geometry[index].confidence[pixel];
             let (mut sum, mut weight) = (own * w, own);
             for (witness, confidence) in &others {
-                if let Opinion::Agrees { pixel: theirs, inverse_depth } = witness.opinion(u, v, w, Tolerance::default())
+                if let Opinion::Agrees { pixel: theirs, inverse_depth } =
+                    witness.opinion(u, v, w, Tolerance::default())
                 {
                     sum += confidence[theirs] * inverse_depth;
                     weight += confidence[theirs];

@@ -159,7 +159,7 @@ fn area_per_anchor(neighbours: Option<&Neighbors>, anchor: usize) -> Option<f64>
     Some(std::f64::consts::PI * f64::from(farthest) / found.k as f64)
 }
 
-/// Whether a pixel may become a Gaussian: it has a depth that the photographs do not contradict.
+/// Whether a pixel may become a Gaussian: it has a depth, with a confidence above 0.
 fn usable(geometry: &ViewGeometry) -> impl Iterator<Item = bool> {
     geometry
         .depth

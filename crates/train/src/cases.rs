@@ -86,7 +86,6 @@ impl Cases {
             return Err(Error::NoWindows);
         }
         let geometry = GeometryCache { folder: cache.to_path_buf() };
-        let backbone = predictor.backbone_identity();
         let mut kept = Vec::with_capacity(plans.len());
         let mut scenes: Vec<(String, Range<usize>)> = Vec::new();
         let mut all = Sha256::new();
@@ -113,8 +112,10 @@ impl Cases {
                 Views::of_window(window)?.write(&file)?;
             }
             let views = Views::read(&file)?;
-            if !geometry.path(&views.name, &views.context, &predictor, Wanted::DepthAndFeatures).exists() {
-                match geometry.geometry(&views.name, &views.context, &predictor, Wanted::DepthAndFeatures) {
+            let wanted = Wanted::DepthAndFeatures;
+            let geometry_file = geometry.path(&views.name, &views.context, &predictor, wanted);
+            if !geometry_file.exists() {
+                match geometry.geometry(&views.name, &views.context, &predictor, wanted) {
                     Err(error @ scene_windows::Error::Predict(_)) => {
                         on_case(&views.name, Some(&error));
                         insufficient = Some(error);
@@ -123,7 +124,9 @@ impl Cases {
                     made => made?,
                 };
             }
-            all.update(format!("{key}\n{backbone} {depth_range:?}").as_bytes());
+            // The name of the file changes with the backbone, its settings, the depth range and what the backbone computes.
+            all.update(&key);
+            all.update(geometry_file.file_name().unwrap_or_default().as_encoded_bytes());
             match scenes.last_mut() {
                 Some((scene, windows)) if scene == scene_of(&views.name) => windows.end += 1,
                 _ => scenes.push((scene_of(&views.name).to_owned(), kept.len()..kept.len() + 1)),

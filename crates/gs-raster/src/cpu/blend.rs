@@ -9,7 +9,7 @@ use super::math::exp2;
 use super::project::{BATCH, Splat, Splats};
 use super::{Grid, TILE};
 use crate::RenderSettings;
-use cpu_kernels::pulp::{Simd, WithSimd};
+use cpu_kernels::pulp::{Simd, WithSimd, cast};
 use cpu_kernels::vector::{neg, select};
 use cpu_kernels::{Isa, dispatch};
 use rayon::prelude::*;
@@ -49,8 +49,10 @@ pub(super) struct Trace {
     /// What is left of the light from behind; its sign is negative where the pixel is done.
     pub(super) transmittance: Plane,
     /// Place in the tile's list of the splat at which the pixel was done, counted from 1: neither it nor what follows is drawn. 0 beyond the
-    /// image's edge, [`NEVER`] where all splats are drawn.
+    /// image's edge, [`NEVER`] where the pixel never was. (There is always light left: `transmittance_min` is above 0 and `alpha_max` below 1.)
     pub(super) done: Plane<i32>,
+    /// Place of the last splat that may be drawn in any pixel; 0 where there is none.
+    pub(super) last: i32,
     /// Σ w and Σ w (z - `nearest`), kept only when depth is asked for.
     pub(super) weight: Plane,
     pub(super) depth: Plane,
@@ -168,6 +170,7 @@ impl Trace {
         Self {
             transmittance: [[0.0; LANES]; PATCHES],
             done: [[0; LANES]; PATCHES],
+            last: 0,
             weight: [[0.0; LANES]; PATCHES],
             depth: [[0.0; LANES]; PATCHES],
             nearest: 0.0,
@@ -416,18 +419,18 @@ fn blend_vector<S: Simd, const DEPTH: bool>(
         return;
     }
     let (_, alpha) = touch.alpha(simd, limits);
-    // A share of 0 changes nothing. (A select between what is stored and something else would be compiled into a masked store, which takes
-    // some processors with AVX2 as long as a quarter of all the rest.)
+    trace.last = place;
+    // A share of 0 changes nothing: no select of what is stored, which would be a masked store.
     let mut share = select(simd, seen, alpha, zero);
     let mut after = simd.mul_f32s(before, simd.sub_f32s(simd.splat_f32s(1.0), share));
     let dark = simd.less_than_f32s(after, simd.splat_f32s(limits.transmittance_min));
     let stops = simd.and_m32s(seen, dark);
     if any(simd, stops) {
-        // Where the splat would leave too little light it is not drawn, and the pixel is done.
+        // Where the splat would leave too little light it is not drawn, and the pixel is done: once, so that here a masked store may be.
         share = select(simd, stops, zero, share);
         after = select(simd, stops, neg(simd, before), after);
         let done = &mut S::as_mut_simd_i32s(&mut trace.done[patch]).0[v];
-        *done = simd.select_i32s(stops, simd.splat_i32s(place), *done);
+        *done = cast(simd.select_u32s(stops, cast(simd.splat_i32s(place)), cast(*done)));
     }
     *transmittance = after;
     let weight = simd.mul_f32s(before, share);

@@ -1,6 +1,6 @@
 //! The blending of every tile backwards: from gradients by pixels to sums per splat.
 //!
-//! A pixel's splats are walked back to front from the one at which it was done, with the numbers and decisions of the pass
+//! A pixel's splats are walked back to front, from the one before that at which it was done, with the numbers and decisions of the pass
 //! forward. With w = α T and q = ∂L/∂w of each splat (its colour times the pixel's gradient, and what its depth does to
 //! the expected depth), ∂L/∂α = T (q - B), where B is q of what is behind, blended as the colours are. T is divided by
 //! 1 - α at each step, the very number it was multiplied by.
@@ -143,8 +143,9 @@ struct Tile {
     transmittance: Plane,
     /// B: what is behind, blended as if nothing stood before it.
     behind: Plane,
-    /// As in [`Trace`].
+    /// Both as in [`Trace`].
     done: Plane<i32>,
+    last: i32,
     /// Σ gradient by colour times what shows of the background.
     background: [f64; 3],
 }
@@ -167,6 +168,7 @@ impl Tile {
             transmittance: trace.transmittance.map(|patch| patch.map(f32::abs)),
             behind: [[0.0; LANES]; PATCHES],
             done: trace.done,
+            last: trace.last,
             background: [0.0; 3],
         });
         let inverse = unit.recip();
@@ -210,9 +212,7 @@ fn blend_tile<const DEPTH: bool, const SHARED: bool>(
     index: usize,
     limits: Limits,
 ) {
-    // Out here, where the compiler has no vectors that gather.
-    let end = tile.done.iter().flatten().copied().fold(0, i32::max);
-    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, moments, lists, index, limits, end });
+    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, moments, lists, index, limits });
 }
 
 struct Blend<'a, const DEPTH: bool, const SHARED: bool> {
@@ -221,8 +221,6 @@ struct Blend<'a, const DEPTH: bool, const SHARED: bool> {
     lists: Lists<'a>,
     index: usize,
     limits: Limits,
-    /// Place of the splat from which on none is drawn in any pixel, counted from 1.
-    end: i32,
 }
 
 impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED> {
@@ -230,18 +228,18 @@ impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { tile, moments, lists, index, limits, end } = self;
+        let Self { tile, moments, lists, index, limits } = self;
         let origin = origin(lists.grid, index);
         let mut place = moments.len() as i32 + 1;
         let mut batch = [Splat::NONE; BATCH];
         for indices in lists.bins.pieces(index).rev().flat_map(|piece| piece.rchunks(BATCH)) {
-            if place - indices.len() as i32 >= end {
+            if place - indices.len() as i32 > tile.last {
                 place -= indices.len() as i32;
                 continue;
             }
             for splat in lists.splats.fetch(indices, &mut batch).iter().rev() {
                 place -= 1;
-                if place >= end {
+                if place > tile.last {
                     continue;
                 }
                 let local = Local::new(splat, origin);
@@ -338,8 +336,7 @@ fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
     // A clamped opacity does not follow the splat.
     let clamped = simd.greater_than_f32s(unclamped, number(limits.alpha_max));
     let follows = simd.and_m32s(drawn, simd.not_m32s(clamped));
-    // Where the splat is not drawn its share is 0, and nothing changes. (A select of what is stored would be compiled into a masked store,
-    // which is slow on some processors with AVX2.)
+    // Where the splat is not drawn its share is 0, and nothing changes: no select of what is stored, which would be a masked store.
     let share = select(simd, drawn, alpha, number(0.0));
     let transmittance = &mut vectors_mut::<S>(&mut tile.transmittance[patch])[v];
     let before = simd.div_f32s(*transmittance, simd.sub_f32s(number(1.0), share));

@@ -30,14 +30,18 @@ pub(crate) struct Surface<'a> {
     pub(crate) stereo: Vec<f32>,
     /// Stereo's where it confirms something or the network is unsure, the network's elsewhere.
     pub(crate) joined: Vec<f32>,
-    /// Confidence in that, ½ and more where it is stereo's.
+    /// Confidence in that, ½ and more where stereo confirms it.
     pub(crate) confidence: Vec<f32>,
 }
 
 impl Surface<'_> {
-    /// Whether the joined surface is stereo's at a pixel, so that it cannot learn.
     fn is_confirmed(&self, pixel: usize) -> bool {
         self.confidence[pixel] >= 0.5
+    }
+
+    /// Whether the joined surface is the network's at a pixel: stereo's cannot learn.
+    fn learns(&self, pixel: usize) -> bool {
+        self.joined[pixel] == self.predicted[pixel]
     }
 
     /// Inverse depths that hide what is behind them: those that are confirmed; 0 elsewhere.
@@ -294,7 +298,7 @@ fn agreement(surfaces: &[Surface], index: usize, step: f32, weight: f32, gradien
             sum += f64::from(of_own * (1.0 + size / KNEE).ln());
             let slope = share * steps.signum() / (KNEE + size) / step;
             gradients[index][pixel] += of_own * slope * landing.by[2];
-            if !other.is_confirmed(theirs) {
+            if other.learns(theirs) {
                 gradients[j][theirs] -= own.confidence[pixel] * slope;
             }
         }

@@ -108,8 +108,9 @@ fn gradients_equal_finite_differences() {
 fn gradients_of_agreement_equal_finite_differences() {
     let window = window();
     let mut wrong = surfaces(&window.context[..2], &|i, pixel| noise(97 * pixel + i), 0.4);
-    // One view learns alone: what the other learns depends on this one's confidence instead.
-    wrong[1].confidence.fill(0.8);
+    // One view learns alone: the other's surface is stereo's, confirmed or, where the network is unsure, not.
+    wrong[1].joined.iter_mut().for_each(|w| *w += 0.1 * STEP);
+    wrong[1].confidence.iter_mut().enumerate().for_each(|(i, c)| *c = if i % 2 == 0 { 0.8 } else { 0.1 });
     let value = |wrong: &[Surface]| {
         let mut gradients = vec![vec![0.0; 96 * 64]; 2];
         (agreement(wrong, 0, STEP, 1.0, &mut gradients), gradients)

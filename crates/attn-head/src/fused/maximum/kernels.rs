@@ -86,11 +86,10 @@ impl WithSimd for Hidden<'_> {
 
 /// Vectors in registers at a time.
 const CHUNK: usize = 8;
-/// The same, of two kinds: where they are in memory, a select between them is compiled into a masked store, which is slow on some
-/// processors with AVX2.
+/// Half as many where each has another beside it, of value and of place: all stay in registers, and none is selected in memory ([`select`]).
 const PAIRED: usize = CHUNK / 2;
 
-/// The largest value of each channel over the pairs of an anchor, and the first pair that has it.
+/// The largest value of each channel over the pairs of an anchor, and the first pair that has it; of NaNs the last.
 pub(super) struct Largest<'a> {
     pub(super) products: &'a [Row],
     pub(super) values: &'a mut Row,
