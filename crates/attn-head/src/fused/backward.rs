@@ -1,8 +1,7 @@
 //! Gradients, layer by layer from the last to the first.
 
 use super::layer::{Layer, Workspace};
-use super::maximum::Maxima;
-use super::message::{All, Kept, Message};
+use super::message::{All, Kept, Message, Record, resize};
 use super::network::{BLOCK, Network, embedded, show};
 use super::perceptron::Hidden;
 use super::sums::{Sums, span};
@@ -27,46 +26,58 @@ impl<'a, M: Message<'a>> Backward<'_, 'a, M> {
         let mut weights = vec![0.0; self.layout.len];
         let mut grad = vec![0.0; n * WIDTH];
         let (last, layers) = tape.features.split_last().expect("features before and after layers");
-        self.attributes(last, grad_out, &mut grad, &mut weights);
+        self.attributes((last, &tape.last), grad_out, &mut grad, &mut weights);
         let nobody = Inputs { k: 0, neighbours: &[], relative: &[], ..*self.inputs };
         let lookers = Lookers::new(if M::LOOKS { self.inputs } else { &nobody });
-        let mut shown = vec![0.0; n * M::SHOWN];
+        let mut again = Vec::new();
         let mut sent: Vec<M::Sent> = (0..n.div_ceil(BLOCK)).map(|_| M::Sent::default()).collect();
-        let recorded = layers.iter().zip(&tape.maxima);
-        for (l, (layer, (x, maxima))) in self.network.layers.iter().zip(recorded).enumerate().rev() {
-            show(layer, self.inputs, x, &mut shown);
+        let recorded = layers.iter().zip(&tape.records);
+        for (l, (layer, (x, records))) in self.network.layers.iter().zip(recorded).enumerate().rev() {
+            let shown = if M::KEEPS_HIDDEN {
+                &tape.shown[l]
+            } else {
+                resize(&mut again, n * M::SHOWN);
+                show(layer, self.inputs, x, &mut again);
+                &again
+            };
             let range = |part: &str| span(self.layout, &format!("blocks.{l}.{part}"));
-            let step = Step { layer, all: All { inputs: self.inputs, shown: &shown }, x, maxima };
+            let step = Step { layer, all: All { inputs: self.inputs, shown }, x, records };
             step.own(&mut grad, &mut sent, (range(""), &mut weights));
             M::return_sent(self.inputs, &mut sent);
             // The second step has no part in the weights from `norm2` on.
-            let kept = Kept { lookers: &lookers, maxima, sent: &sent };
+            let kept = Kept { lookers: &lookers, records, sent: &sent };
             step.shown(&mut grad, kept, (range("norm1.").start..range("norm2.").start, &mut weights));
         }
-        drop((shown, sent));
+        drop((again, sent));
         let (geometry, image) = self.embedding(&grad, &mut weights);
         Gradients { weights, geometry, image }
     }
 
     /// The perceptron at the end: adds to the gradient of the features.
-    fn attributes(&self, x: &[f32], grad_out: &[f32], grad: &mut [f32], weights: &mut [f32]) {
+    fn attributes(
+        &self,
+        (x, kept): (&[f32], &[Vec<f32>]),
+        grad_out: &[f32],
+        grad: &mut [f32],
+        weights: &mut [f32],
+    ) {
         let (norm, out) = (span(self.layout, "norm."), span(self.layout, "out."));
         let rows = range_rows(self.inputs.n);
         summed(norm.start.min(out.start)..norm.end.max(out.end), weights, self.inputs.n, |partial| {
             let ranges = grad.par_chunks_mut(rows * WIDTH).zip(x.par_chunks(rows * WIDTH));
-            let ranges = ranges.zip(grad_out.par_chunks(rows * OUTPUTS)).zip(partial);
-            ranges.for_each(|(((grad, x), grad_out), mut sums)| {
+            let outputs = grad_out.par_chunks(rows * OUTPUTS).zip(kept.par_chunks(rows / BLOCK));
+            let ranges = ranges.zip(outputs).zip(partial);
+            ranges.for_each(|(((grad, x), (grad_out, kept)), mut sums)| {
                 let mut hidden = Hidden::default();
                 let (mut normal, mut grad_normal) = (Vec::new(), Vec::new());
                 let blocks = grad.chunks_mut(BLOCK * WIDTH).zip(x.chunks(BLOCK * WIDTH));
-                for ((grad, x), grad_out) in blocks.zip(grad_out.chunks(BLOCK * OUTPUTS)) {
-                    normal.resize(x.len(), 0.0);
+                for ((grad, x), (grad_out, kept)) in blocks.zip(grad_out.chunks(BLOCK * OUTPUTS).zip(kept)) {
+                    resize(&mut normal, x.len());
                     self.network.norm.apply(x, &mut normal);
-                    grad_normal.clear();
-                    grad_normal.resize(x.len(), 0.0);
+                    resize(&mut grad_normal, x.len());
                     let count = x.len() / WIDTH;
                     self.network.out.backward(
-                        Rows::new(&normal, count, WIDTH),
+                        (Rows::new(&normal, count, WIDTH), M::KEEPS_HIDDEN.then_some(kept)),
                         Rows::new(grad_out, count, OUTPUTS),
                         &mut grad_normal,
                         &mut sums,
@@ -98,7 +109,7 @@ impl<'a, M: Message<'a>> Backward<'_, 'a, M> {
                         let first = range * rows + block * BLOCK;
                         let here = first..first + grad_x.len() / width;
                         let grad_out = grad.slice(here.clone()).columns(column, WIDTH / 2);
-                        perceptron.backward(x.slice(here), grad_out, grad_x, &mut sums, &mut hidden);
+                        perceptron.backward((x.slice(here), None), grad_out, grad_x, &mut sums, &mut hidden);
                     }
                 });
             });
@@ -113,7 +124,7 @@ struct Step<'s, 'a, M> {
     layer: &'s Layer<'a, M>,
     all: All<'s>,
     x: &'s [f32],
-    maxima: &'s [Maxima],
+    records: &'s [Record],
 }
 
 impl<'a, M: Message<'a>> Step<'_, 'a, M> {
@@ -122,12 +133,12 @@ impl<'a, M: Message<'a>> Step<'_, 'a, M> {
         let rows = range_rows(self.all.inputs.n);
         summed(span, weights, self.all.inputs.n, |partial| {
             let ranges = grad.par_chunks_mut(rows * WIDTH).zip(self.x.par_chunks(rows * WIDTH));
-            let kept = self.maxima.par_chunks(rows / BLOCK).zip(sent.par_chunks_mut(rows / BLOCK));
+            let kept = self.records.par_chunks(rows / BLOCK).zip(sent.par_chunks_mut(rows / BLOCK));
             let ranges = ranges.zip(kept).zip(partial).enumerate();
-            ranges.for_each(|(range, (((grad, x), (maxima, sent)), mut sums))| {
+            ranges.for_each(|(range, (((grad, x), (records, sent)), mut sums))| {
                 let mut work = Workspace::default();
                 let blocks = grad.chunks_mut(BLOCK * WIDTH).zip(x.chunks(BLOCK * WIDTH));
-                for (block, ((grad, x), kept)) in blocks.zip(maxima.iter().zip(sent)).enumerate() {
+                for (block, ((grad, x), kept)) in blocks.zip(records.iter().zip(sent)).enumerate() {
                     let first = range * rows + block * BLOCK;
                     self.layer.backward((self.all, first), x, grad, kept, &mut sums, &mut work);
                 }

@@ -5,7 +5,7 @@
 
 use super::linear::Linear;
 use super::maximum::Maxima;
-use super::message::{Anchors, Kept, Message, zero};
+use super::message::{Anchors, Kept, Message, resize};
 use super::network::BLOCK;
 use super::range_rows;
 use super::sums::Sums;
@@ -31,6 +31,7 @@ impl<'a> Message<'a> for Grid<'a> {
     const SHOWN: usize = SHOWN;
     const LOOKS: bool = false;
     const READS_OWN: bool = false;
+    const KEEPS_HIDDEN: bool = true;
     type Work = ();
     type Sent = Sent;
 
@@ -65,12 +66,13 @@ impl<'a> Message<'a> for Grid<'a> {
     ) {
         let grad = Rows::new(grad, anchors.count, WIDTH);
         self.join.weight_gradient(means(anchors), grad, sums);
-        zero(&mut sent.0, anchors.count * SHOWN);
-        self.join.input_gradient(grad, &mut sent.0);
+        resize(&mut sent.0, anchors.count * SHOWN);
+        self.join.input_gradient_alone(grad, &mut sent.0);
     }
 
     fn return_sent(inputs: &Inputs<'_>, sent: &mut [Sent]) {
-        let mut all = sent.iter().flat_map(|Sent(grad)| grad).copied().collect::<Vec<f32>>();
+        let mut all = Vec::with_capacity(inputs.n * SHOWN);
+        sent.iter().for_each(|Sent(grad)| all.extend_from_slice(grad));
         to_means(inputs.cells, &mut all);
         for (Sent(grad), all) in sent.iter_mut().zip(all.chunks(BLOCK * SHOWN)) {
             grad.copy_from_slice(all);

@@ -1,7 +1,6 @@
 //! One block of the network: a message from the neighbours, then a perceptron, each with a residual.
 
-use super::maximum::Maxima;
-use super::message::{All, Anchors, Kept, Message, resize, rows, zero};
+use super::message::{All, Anchors, Kept, Message, Record, resize, rows, zero};
 use super::norm::Norm;
 use super::perceptron::{Hidden, Perceptron};
 use super::sums::Sums;
@@ -59,14 +58,20 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
         &self,
         (all, first): (All<'_>, usize),
         x: &mut [f32],
-        maxima: Option<&mut Maxima>,
+        mut record: Option<&mut Record>,
         work: &mut Workspace<M::Work>,
     ) {
         let anchors = Anchors { all, first, count: x.len() / WIDTH, h: self.own_features(x, &mut work.h) };
+        let maxima = record.as_mut().map(|record| &mut record.maxima);
         self.message.add(anchors, x, maxima, &mut work.message);
         resize(&mut work.normal, x.len());
         self.norm2.apply(x, &mut work.normal);
-        self.perceptron.add(rows(&work.normal), x, &mut work.hidden);
+        let kept = record.filter(|_| M::KEEPS_HIDDEN).map(|record| {
+            record.residual.clear();
+            record.residual.extend_from_slice(x);
+            &mut record.hidden
+        });
+        self.perceptron.add(rows(&work.normal), x, &mut work.hidden, kept);
     }
 
     /// Replaces the gradient of a block's output by that of its input, but for what comes through what the block shows.
@@ -75,22 +80,29 @@ impl<'a, M: Message<'a>> Layer<'a, M> {
         (all, first): (All<'_>, usize),
         x: &[f32],
         grad: &mut [f32],
-        (maxima, sent): (&Maxima, &mut M::Sent),
+        (record, sent): (&Record, &mut M::Sent),
         sums: &mut Sums<'_>,
         work: &mut Workspace<M::Work>,
     ) {
         let Workspace { h, residual, normal, grad_normal, hidden, message } = work;
         let anchors = Anchors { all, first, count: x.len() / WIDTH, h: self.own_features(x, h) };
-        residual.clear();
-        residual.extend_from_slice(x);
-        self.message.add_again(anchors, residual, maxima, message);
+        let (residual, kept) = if M::KEEPS_HIDDEN {
+            (&record.residual, Some(record.hidden.as_slice()))
+        } else {
+            residual.clear();
+            residual.extend_from_slice(x);
+            self.message.add_again(anchors, residual, &record.maxima, message);
+            (&*residual, None)
+        };
         resize(normal, x.len());
         self.norm2.apply(residual, normal);
-        zero(grad_normal, x.len());
-        self.perceptron.backward(rows(normal), rows(grad), grad_normal, sums, hidden);
+        resize(grad_normal, x.len());
+        self.perceptron.backward((rows(normal), kept), rows(grad), grad_normal, sums, hidden);
         self.norm2.backward(residual, grad_normal, grad, sums);
-        zero(grad_normal, x.len());
-        self.message.backward(anchors, maxima, grad, grad_normal, sent, sums, message);
+        if M::READS_OWN {
+            zero(grad_normal, x.len());
+        }
+        self.message.backward(anchors, &record.maxima, grad, grad_normal, sent, sums, message);
         if M::READS_OWN {
             self.norm1.backward(x, grad_normal, grad, sums);
         }

@@ -102,8 +102,16 @@ impl<'a> Linear<'a> {
 
     /// Adds Wᵀ times the gradient of the output to the input's.
     pub(super) fn input_gradient(&self, grad_out: Rows<'_>, grad_x: &mut [f32]) {
-        let backward = self.backward.get_or_init(|| Packed::rows(self.forward.isa(), self.weight));
-        multiply(grad_out, backward, grad_x, self.inputs, true);
+        multiply(grad_out, self.backward(), grad_x, self.inputs, true);
+    }
+
+    /// The same where the input has no other gradient: replaces what `grad_x` holds.
+    pub(super) fn input_gradient_alone(&self, grad_out: Rows<'_>, grad_x: &mut [f32]) {
+        multiply(grad_out, self.backward(), grad_x, self.inputs, false);
+    }
+
+    fn backward(&self) -> &Packed {
+        self.backward.get_or_init(|| Packed::rows(self.forward.isa(), self.weight))
     }
 
     /// Adds to the parameters' gradients.

@@ -34,12 +34,23 @@ impl<'a> Anchors<'a> {
     }
 }
 
+/// What a block keeps of a layer's forward pass for the gradient.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Record {
+    /// Empty of kinds without a maximum.
+    pub(super) maxima: Maxima,
+    /// Features after the message, `[rows, 128]`; empty unless [`Message::KEEPS_HIDDEN`].
+    pub(super) residual: Vec<f32>,
+    /// What the perceptron activates, `[rows, hidden]`; empty unless [`Message::KEEPS_HIDDEN`].
+    pub(super) hidden: Vec<f32>,
+}
+
 /// What the blocks have kept for the gradient of what is shown.
 #[derive(Debug)]
 pub(super) struct Kept<'a, Sent> {
     pub(super) lookers: &'a Lookers,
     /// One for each block.
-    pub(super) maxima: &'a [Maxima],
+    pub(super) records: &'a [Record],
     /// One for each block.
     pub(super) sent: &'a [Sent],
 }
@@ -54,7 +65,7 @@ impl<'a, Sent> Kept<'a, Sent> {
     /// The same of the forward pass.
     #[inline(always)]
     pub(super) fn maxima_of(&self, anchor: usize) -> &'a Maxima {
-        &self.maxima[anchor / BLOCK]
+        &self.records[anchor / BLOCK].maxima
     }
 }
 
@@ -88,6 +99,10 @@ pub(super) trait Message<'a>: Sized + Sync {
 
     /// Whether a message depends on the anchor's own features but for what it shows.
     const READS_OWN: bool = true;
+
+    /// Whether the tape keeps what the perceptrons activate, so that the gradient does not compute it again. Worth its memory
+    /// where messages are cheap; elsewhere they are most of what is computed again.
+    const KEEPS_HIDDEN: bool = false;
 
     /// Replaces what all anchors show by what others see of it. The default leaves it unchanged.
     fn share(_inputs: &Inputs<'_>, _shown: &mut [f32]) {}

@@ -5,7 +5,7 @@
 
 use super::linear::Linear;
 use super::maximum::Maxima;
-use super::message::{Anchors, Kept, Message, resize, zero};
+use super::message::{Anchors, Kept, Message, resize};
 use super::network::BLOCK;
 use super::perceptron::{Hidden, Perceptron};
 use super::sums::Sums;
@@ -57,7 +57,7 @@ impl<'a> Message<'a> for Mlp<'a> {
 
     fn add(&self, anchors: Anchors<'_>, y: &mut [f32], _: Option<&mut Maxima>, work: &mut Work) {
         self.join(anchors, &mut work.joined);
-        self.mix.add(joined(anchors, &work.joined), y, &mut work.hidden);
+        self.mix.add(joined(anchors, &work.joined), y, &mut work.hidden, None);
     }
 
     fn backward(
@@ -70,9 +70,9 @@ impl<'a> Message<'a> for Mlp<'a> {
         sums: &mut Sums<'_>,
         Work { joined: x, grad_joined, hidden, .. }: &mut Work,
     ) {
-        zero(grad_joined, x.len());
+        resize(grad_joined, x.len());
         let grad = Rows::new(grad, anchors.count, WIDTH);
-        self.mix.backward(joined(anchors, x), grad, grad_joined, sums, hidden);
+        self.mix.backward((joined(anchors, x), None), grad, grad_joined, sums, hidden);
         sent.0.clear();
         sent.0.reserve_exact(anchors.count * anchors.all.inputs.k);
         for (row, grad_h) in joined(anchors, grad_joined).iter().zip(grad_h.chunks_exact_mut(WIDTH)) {

@@ -2,7 +2,8 @@
 //!
 //! The kinds share all but the message that an anchor gets from its neighbours, see the modules `attention`, `maximum`
 //! (edge convolution and max pooling), `mlp` and `grid`. What depends on one anchor alone is computed once for each. The
-//! rows of pairs are made block by block, stay in the caches, and are made again for the gradient.
+//! rows of pairs are made block by block, stay in the caches, and are made again for the gradient, as are the hidden values of the
+//! perceptrons. The grid has no pairs, so there the hidden values are most of what would be made again, and are kept.
 //!
 //! The gradient goes backwards from the features before every layer. Each anchor gathers the gradient of what it shows from the
 //! anchors that it is a neighbour of, in their order (in the grid, from the means over its cells); gradients of weights are summed
@@ -16,7 +17,7 @@
 //! | edge convolution | 3 | 14, and 3 bytes for every pair |
 //! | max pooling | 2 | 12, and 3 bytes for every pair |
 //! | MLP | 1 | 5, and 16 numbers for every pair |
-//! | grid | 2 | 5 |
+//! | grid | 2 | 9 |
 //!
 //! An index for every pair, some 0.5 MB for each thread, and for each of up to 32 ranges the gradients of one layer's
 //! weights, 27 MB in all, come on top.
@@ -45,8 +46,7 @@ use backward::Backward;
 use edge_conv::EdgeConv;
 use grid::Grid;
 use max_pool::MaxPool;
-use maximum::Maxima;
-use message::Message;
+use message::{Message, Record};
 use mlp::Mlp;
 use network::{BLOCK, Network};
 
@@ -71,13 +71,18 @@ pub fn forward(config: &Config, weights: &[f32], inputs: &Inputs<'_>) -> Vec<f32
 }
 
 /// What [`backward`] needs of a forward pass: the features before every layer and after the last, up to 4 buffers of
-/// `[n, 128]`; of edge convolution and max pooling also the maxima, and which pair has each, 3 times 1.25 buffers.
+/// `[n, 128]`; of edge convolution and max pooling also the maxima, and which pair has each, 3 times 1.25 buffers; of the grid
+/// also 5 buffers of values between the layers.
 #[derive(Debug, Clone)]
 pub struct Tape {
     kind: Kind,
     features: Vec<Vec<f32>>,
     /// For each layer, one for each block of anchors.
-    maxima: Vec<Vec<Maxima>>,
+    records: Vec<Vec<Record>>,
+    /// For each layer `[n, Message::SHOWN]`, if hidden values are kept.
+    shown: Vec<Vec<f32>>,
+    /// What the last perceptron activates, for each block of anchors; empty if hidden values are not kept.
+    last: Vec<Vec<f32>>,
 }
 
 /// As [`forward`], with what [`backward`] needs.
@@ -86,7 +91,13 @@ pub struct Tape {
 /// As [`forward`].
 #[must_use]
 pub fn forward_recorded(config: &Config, weights: &[f32], inputs: &Inputs<'_>) -> (Vec<f32>, Tape) {
-    let mut tape = Tape { kind: config.kind, features: Vec::new(), maxima: Vec::new() };
+    let mut tape = Tape {
+        kind: config.kind,
+        features: Vec::new(),
+        records: Vec::new(),
+        shown: Vec::new(),
+        last: Vec::new(),
+    };
     (outputs(config, weights, inputs, Some(&mut tape)), tape)
 }
 

@@ -1,8 +1,7 @@
 //! All parameters, packed for matrix products, and the forward pass.
 
 use super::layer::{Layer, Workspace};
-use super::maximum::Maxima;
-use super::message::{All, Message};
+use super::message::{All, Message, Record, resize};
 use super::norm::Norm;
 use super::perceptron::{Hidden, Perceptron};
 use super::{Tape, range_rows};
@@ -42,22 +41,29 @@ impl<'a, M: Message<'a>> Network<'a, M> {
     /// Outputs `[n, 38]`; `tape` is filled if there is one.
     pub(super) fn run(&self, config: &Config, inputs: &Inputs<'_>, mut tape: Option<&mut Tape>) -> Vec<f32> {
         let mut x = self.embed(config, inputs);
-        let mut shown = vec![0.0; inputs.n * M::SHOWN];
+        let blocks = inputs.n.div_ceil(BLOCK);
+        let mut shown = Vec::new();
         for layer in &self.layers {
-            let mut maxima = vec![Maxima::default(); inputs.n.div_ceil(BLOCK)];
+            let mut records = vec![Record::default(); blocks];
+            resize(&mut shown, inputs.n * M::SHOWN);
             show(layer, inputs, &x, &mut shown);
             if let Some(tape) = &mut tape {
                 tape.features.push(x.clone());
             }
-            forward(layer, All { inputs, shown: &shown }, &mut x, &mut maxima, tape.is_some());
+            forward(layer, All { inputs, shown: &shown }, &mut x, &mut records, tape.is_some());
             if let Some(tape) = &mut tape {
-                tape.maxima.push(maxima);
+                tape.records.push(records);
+                if M::KEEPS_HIDDEN {
+                    tape.shown.push(std::mem::take(&mut shown));
+                }
             }
         }
         drop(shown);
-        let out = self.attributes(inputs.n, &x);
+        let mut kept = vec![Vec::new(); blocks];
+        let out = self.attributes(&x, &mut kept, M::KEEPS_HIDDEN && tape.is_some());
         if let Some(tape) = tape {
             tape.features.push(x);
+            tape.last = kept;
         }
         out
     }
@@ -71,24 +77,27 @@ impl<'a, M: Message<'a>> Network<'a, M> {
             for (block, x) in x.chunks_mut(BLOCK * WIDTH).enumerate() {
                 let first = range * rows + block * BLOCK;
                 let here = first..first + x.len() / WIDTH;
-                self.geometry.apply(geometry.slice(here.clone()), x, WIDTH, &mut hidden);
-                self.image.apply(image.slice(here), &mut x[WIDTH / 2..], WIDTH, &mut hidden);
+                self.geometry.apply(geometry.slice(here.clone()), x, WIDTH, &mut hidden, None);
+                self.image.apply(image.slice(here), &mut x[WIDTH / 2..], WIDTH, &mut hidden, None);
             }
         });
         x
     }
 
-    fn attributes(&self, n: usize, x: &[f32]) -> Vec<f32> {
+    /// Of each block `kept` gets what the perceptron activates if that is to be recorded.
+    fn attributes(&self, x: &[f32], kept: &mut [Vec<f32>], record: bool) -> Vec<f32> {
+        let n = x.len() / WIDTH;
         let mut out = vec![0.0; n * OUTPUTS];
         let rows = range_rows(n);
         let ranges = out.par_chunks_mut(rows * OUTPUTS).zip(x.par_chunks(rows * WIDTH));
-        ranges.for_each(|(out, x)| {
+        ranges.zip(kept.par_chunks_mut(rows / BLOCK)).for_each(|((out, x), kept)| {
             let (mut hidden, mut normal) = (Hidden::default(), [0.0; BLOCK * WIDTH]);
-            for (out, x) in out.chunks_mut(BLOCK * OUTPUTS).zip(x.chunks(BLOCK * WIDTH)) {
+            let blocks = out.chunks_mut(BLOCK * OUTPUTS).zip(x.chunks(BLOCK * WIDTH));
+            for ((out, x), kept) in blocks.zip(kept) {
                 let normal = &mut normal[..x.len()];
                 self.norm.apply(x, normal);
                 let normal = Rows::new(normal, x.len() / WIDTH, WIDTH);
-                self.out.apply(normal, out, OUTPUTS, &mut hidden);
+                self.out.apply(normal, out, OUTPUTS, &mut hidden, record.then_some(kept));
             }
         });
         out
@@ -121,16 +130,16 @@ fn forward<'a, M: Message<'a>>(
     layer: &Layer<'a, M>,
     all: All<'_>,
     x: &mut [f32],
-    maxima: &mut [Maxima],
+    records: &mut [Record],
     record: bool,
 ) {
     let rows = range_rows(all.inputs.n);
-    let ranges = x.par_chunks_mut(rows * WIDTH).zip(maxima.par_chunks_mut(rows / BLOCK));
-    ranges.enumerate().for_each(|(range, (x, maxima))| {
+    let ranges = x.par_chunks_mut(rows * WIDTH).zip(records.par_chunks_mut(rows / BLOCK));
+    ranges.enumerate().for_each(|(range, (x, records))| {
         let mut work = Workspace::default();
-        for (block, (x, maxima)) in x.chunks_mut(BLOCK * WIDTH).zip(maxima).enumerate() {
+        for (block, (x, kept)) in x.chunks_mut(BLOCK * WIDTH).zip(records).enumerate() {
             let first = range * rows + block * BLOCK;
-            layer.forward((all, first), x, record.then_some(maxima), &mut work);
+            layer.forward((all, first), x, record.then_some(kept), &mut work);
         }
     });
 }

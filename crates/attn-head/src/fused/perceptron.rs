@@ -1,6 +1,7 @@
 //! Two linear layers with an activation between them.
 
 use super::linear::Linear;
+use super::message::resize;
 use super::sums::Sums;
 use crate::Layout;
 use cpu_kernels::{Activation, Isa, Rows};
@@ -34,43 +35,62 @@ impl<'a> Perceptron<'a> {
         Self { isa, first, second, activation }
     }
 
-    /// Rows to the first columns of rows `stride` apart.
-    pub(super) fn apply(&self, x: Rows<'_>, out: &mut [f32], stride: usize, hidden: &mut Hidden) {
-        self.activate(x, hidden);
+    /// Rows to the first columns of rows `stride` apart. `kept`, if there is one, is filled with what is activated.
+    pub(super) fn apply(
+        &self,
+        x: Rows<'_>,
+        out: &mut [f32],
+        stride: usize,
+        hidden: &mut Hidden,
+        kept: Option<&mut Vec<f32>>,
+    ) {
+        self.activate(x, hidden, kept);
         self.second.apply(self.rows(&hidden.values, x), out, stride);
     }
 
-    /// Adds the output to rows of its width.
-    pub(super) fn add(&self, x: Rows<'_>, out: &mut [f32], hidden: &mut Hidden) {
-        self.activate(x, hidden);
+    /// Adds the output to rows of its width. `kept` as in [`apply`](Self::apply).
+    pub(super) fn add(&self, x: Rows<'_>, out: &mut [f32], hidden: &mut Hidden, kept: Option<&mut Vec<f32>>) {
+        self.activate(x, hidden, kept);
         self.second.add(self.rows(&hidden.values, x), out);
     }
 
-    /// Adds to the gradients of `x` and of the parameters what follows from the gradient of the output.
+    /// From the gradient of the output computes that of `x`, and adds to those of the parameters. What was not `kept` is computed again.
     pub(super) fn backward(
         &self,
-        x: Rows<'_>,
+        (x, kept): (Rows<'_>, Option<&[f32]>),
         grad_out: Rows<'_>,
         grad_x: &mut [f32],
         sums: &mut Sums<'_>,
         Hidden { values, grad }: &mut Hidden,
     ) {
-        values.resize(x.count() * self.first.outputs, 0.0);
-        self.first.apply(x, values, self.first.outputs);
-        grad.clear();
-        grad.resize(values.len(), 0.0);
-        self.second.input_gradient(grad_out, grad);
+        match kept {
+            Some(kept) => {
+                values.clear();
+                values.extend_from_slice(kept);
+            }
+            None => self.first_layer(x, values),
+        }
+        resize(grad, values.len());
+        self.second.input_gradient_alone(grad_out, grad);
         self.activation.apply_with_gradient(self.isa, values, grad);
         self.second.weight_gradient(self.rows(values, x), grad_out, sums);
         let grad = self.rows(grad, x);
         self.first.weight_gradient(x, grad, sums);
-        self.first.input_gradient(grad, grad_x);
+        self.first.input_gradient_alone(grad, grad_x);
     }
 
-    fn activate(&self, x: Rows<'_>, hidden: &mut Hidden) {
-        hidden.values.resize(x.count() * self.first.outputs, 0.0);
-        self.first.apply(x, &mut hidden.values, self.first.outputs);
+    fn activate(&self, x: Rows<'_>, hidden: &mut Hidden, kept: Option<&mut Vec<f32>>) {
+        self.first_layer(x, &mut hidden.values);
+        if let Some(kept) = kept {
+            kept.clear();
+            kept.extend_from_slice(&hidden.values);
+        }
         self.activation.apply(self.isa, &mut hidden.values);
+    }
+
+    fn first_layer(&self, x: Rows<'_>, values: &mut Vec<f32>) {
+        resize(values, x.count() * self.first.outputs);
+        self.first.apply(x, values, self.first.outputs);
     }
 
     fn rows<'v>(&self, values: &'v [f32], x: Rows<'_>) -> Rows<'v> {
