@@ -23,6 +23,7 @@ use crate::{
 };
 use cpu_kernels::Isa;
 use gs_scene::{Camera, Gaussians, Image};
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -97,7 +98,7 @@ impl Grid {
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     free: Arc<Mutex<Vec<Frame>>>,
-    backward: blend_backward::Buffers,
+    backward: [blend_backward::Buffers; AT_ONCE],
 }
 
 impl Scratch {
@@ -108,6 +109,8 @@ impl Scratch {
 
 /// Frames that are kept at most.
 const FREE_MAX: usize = 8;
+/// Views whose pixels are walked back at once: while threads wait for each other in one, they work in the other. More would take more memory.
+const AT_ONCE: usize = 2;
 
 /// A scene in one view.
 #[derive(Debug, Default)]
@@ -211,33 +214,70 @@ fn draw(
     Ok(Rendering { image, alpha, depth: settings.depth.then_some(depth), stats })
 }
 
-/// Shares of Gaussians in the pixels of a view that are asked for.
-pub(crate) struct Shares<'a> {
-    /// One number v per pixel.
-    pub(crate) values: &'a [f32],
-    /// (Σ w, Σ w v) of each Gaussian, w its share in a pixel, so far.
-    pub(crate) sums: &'a mut [[f32; 2]],
+/// [`record`] of several views, side by side.
+pub(crate) fn record_views(
+    source: Source<'_>,
+    cameras: &[Camera],
+    settings: &RenderSettings,
+    scratch: &Scratch,
+) -> Result<(Vec<Rendering>, Vec<Tape>)> {
+    let views: Vec<_> = cameras.par_iter().map(|camera| record(source, camera, settings, scratch)).collect();
+    views.into_iter().collect()
 }
 
-/// Adds this view's derivatives to `sums` and `background`, and returns those by its pose. `source` is the scene that was recorded.
-/// Adds its shares if they are asked for.
+/// What was recorded of a view, and the gradients by its pixels.
+#[derive(Clone, Copy)]
+pub(crate) struct Recorded<'a> {
+    pub(crate) camera: &'a Camera,
+    pub(crate) tape: &'a Tape,
+    pub(crate) pixels: &'a PixelGradients<'a>,
+    /// One number v per pixel, if shares of Gaussians are asked for.
+    pub(crate) values: Option<&'a [f32]>,
+}
+
+impl Recorded<'_> {
+    fn lists(&self, isa: Isa) -> blend::Lists<'_> {
+        let Frame { splats, bins, .. } = &self.tape.frame;
+        blend::Lists { splats, bins, grid: Grid::new(self.camera.width(), self.camera.height()), isa }
+    }
+}
+
+/// Adds the derivatives of views by the Gaussians to `sums`, and (Σ w, Σ w v) of each Gaussian, w its share in a pixel, to `shares`, if
+/// there are any; returns those by the background and by the cameras. `source` is the scene that was recorded.
 pub(crate) fn backward(
     source: Source<'_>,
-    camera: &Camera,
     settings: &RenderSettings,
-    tape: &Tape,
-    pixels: &PixelGradients,
-    (sums, background, shares): (&mut Sums<'_>, &mut [f64; 3], Option<Shares>),
+    views: &[Recorded<'_>],
+    sums: &mut Sums<'_>,
+    mut shares: Option<&mut [[f32; 2]]>,
     (isa, scratch): (Isa, &mut Scratch),
-) -> CameraGradient {
-    let (values, shares) = shares.map(|Shares { values, sums }| (values, sums)).unzip();
-    let grid = Grid::new(camera.width(), camera.height());
-    let lists = blend::Lists { splats: &tape.frame.splats, bins: &tape.frame.bins, grid, isa };
-    let order = tape.frame.order.indices();
-    let traces = &tape.frame.traces;
-    let buffers = &mut scratch.backward;
-    let summed = blend_backward::sum(lists, settings, traces, (pixels, values), background, buffers);
-    project_backward::project_backward(source, camera, settings, (lists, order), &summed, sums, shares)
+) -> ([f64; 3], Vec<CameraGradient>) {
+    let mut background = [0.0; 3];
+    let mut cameras = Vec::with_capacity(views.len());
+    for views in views.chunks(AT_ONCE) {
+        let sum = |(view, buffers): (&Recorded<'_>, _)| {
+            let pixels = (view.pixels, view.values);
+            blend_backward::sum(view.lists(isa), settings, &view.tape.frame.traces, pixels, buffers)
+        };
+        let summed: Vec<_> = views.par_iter().zip(scratch.backward.par_iter_mut()).map(sum).collect();
+        // Views in their order, whoever has summed them first.
+        for (view, summed) in views.iter().zip(&summed) {
+            let lists = (view.lists(isa), view.tape.frame.order.indices());
+            let shares = shares.as_deref_mut();
+            let by_camera = project_backward::project_backward(
+                source,
+                view.camera,
+                settings,
+                lists,
+                summed,
+                sums,
+                shares,
+            );
+            cameras.push(by_camera);
+            background.iter_mut().zip(summed.background).for_each(|(sum, value)| *sum += value);
+        }
+    }
+    (background, cameras)
 }
 
 #[cfg(test)]
@@ -285,10 +325,10 @@ mod tests {
         let (mut geometry, mut sh) = (vec![0.0; scene.geometry().len()], vec![0.0; scene.sh().len()]);
         let mut sums = Sums::Stored { geometry: &mut geometry, sh: &mut sh };
         let (values, mut shares): (Vec<f32>, _) = (plane(n, 4), vec![[0.0; 2]; scene.len()]);
-        let of_shares = Some(Shares { values: &values, sums: &mut shares });
-        let found = (&mut sums, &mut [0.0; 3], of_shares);
-        let pose = backward(source, &camera, &settings, &tape, &pixels, found, (isa, &mut scratch));
-        let pose = [pose.rotation.to_cols_array().as_slice(), &pose.translation.to_array()].concat();
+        let view = Recorded { camera: &camera, tape: &tape, pixels: &pixels, values: Some(&values) };
+        let with = (isa, &mut scratch);
+        let (_, poses) = backward(source, &settings, &[view], &mut sums, Some(&mut shares), with);
+        let pose = [poses[0].rotation.to_cols_array().as_slice(), &poses[0].translation.to_array()].concat();
         vec![
             ("image", rendering.image.data().to_vec()),
             ("alpha", rendering.alpha),

@@ -173,7 +173,7 @@ impl Rasterizer {
         }
     }
 
-    /// As [`Rasterizer::render_views`], and keeps what [`Rasterizer::backward`] needs.
+    /// As [`Rasterizer::render_views`], and keeps what [`Rasterizer::backward`] needs. The CPU renders the views side by side.
     ///
     /// # Errors
     /// As [`Rasterizer::render`].
@@ -213,12 +213,7 @@ impl Rasterizer {
         check(source, cameras)?;
         let (renderings, views) = match &mut self.backend {
             Backend::Cpu(scratch) => {
-                let (mut renderings, mut views) = (Vec::new(), Vec::new());
-                for camera in cameras {
-                    let (rendering, view) = cpu::record(source, camera, settings, scratch)?;
-                    renderings.push(rendering);
-                    views.push(view);
-                }
+                let (renderings, views) = cpu::record_views(source, cameras, settings, scratch)?;
                 (renderings, Views::Cpu(views))
             }
             #[cfg(feature = "gpu")]
@@ -414,18 +409,16 @@ impl Tape {
         source: Source<'_>,
         views: &[cpu::Tape],
         pixels: &[PixelGradients],
-        (mut sums, mut shares): (Sums<'_>, Option<Weighted<'_>>),
+        (mut sums, shares): (Sums<'_>, Option<Weighted<'_>>),
         scratch: &mut cpu::Scratch,
     ) -> ([f64; 3], Vec<CameraGradient>) {
-        let isa = Isa::in_use();
-        let mut background = [0.0; 3];
-        let mut cameras = Vec::with_capacity(views.len());
-        for (index, ((view, camera), pixels)) in views.iter().zip(&self.cameras).zip(pixels).enumerate() {
-            let shares = shares.as_mut().map(|(values, sums)| cpu::Shares { values: &values[index], sums });
-            let found = (&mut sums, &mut background, shares);
-            let with = (isa, &mut *scratch);
-            cameras.push(cpu::backward(source, camera, &self.settings, view, pixels, found, with));
-        }
-        (background, cameras)
+        let (values, shares) = shares.unzip();
+        let recorded = self.cameras.iter().zip(views).zip(pixels).enumerate();
+        let recorded = recorded.map(|(index, ((camera, tape), pixels))| {
+            let values = values.map(|values| values[index].as_slice());
+            cpu::Recorded { camera, tape, pixels, values }
+        });
+        let recorded: Vec<_> = recorded.collect();
+        cpu::backward(source, &self.settings, &recorded, &mut sums, shares, (Isa::in_use(), scratch))
     }
 }

@@ -15,7 +15,17 @@ pub(crate) struct Objective<'a> {
     loss: Loss,
     /// The near plane is that of the scene at the start: it must not move under the optimiser.
     settings: RenderSettings,
-    scratch: SsimScratch,
+    /// For each view of a step.
+    scratch: Vec<SsimScratch>,
+}
+
+/// A view as a step sees it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Seen {
+    pub(crate) view: usize,
+    /// Where its camera is now.
+    pub(crate) camera: Camera,
+    pub(crate) exposure: Exposure,
 }
 
 impl<'a> Objective<'a> {
@@ -24,7 +34,7 @@ impl<'a> Objective<'a> {
         let targets = views.par_iter().map(|view| Target::new(view, loss)).collect();
         let near = views.iter().map(|view| near_plane(scene, view.camera())).fold(f32::INFINITY, f32::min);
         let settings = RenderSettings { near, eps2d: low_pass, ..RenderSettings::default() };
-        Ok(Self { views, targets, loss, settings, scratch: SsimScratch::default() })
+        Ok(Self { views, targets, loss, settings, scratch: Vec::new() })
     }
 
     /// Exposure in which a view's photograph is closest to the scene as it is, and the PSNR without one; NaN
@@ -44,24 +54,29 @@ impl<'a> Objective<'a> {
         self.views[view].camera()
     }
 
-    /// Renders a view from where its camera is now, compares and differentiates by what is stored, into `gradients`; `None` if the picture
-    /// is beyond comparison. Derivatives, not the value, are multiplied by `weight`.
+    /// Renders views, compares them, and differentiates the mean of their losses by what is stored, into `gradients`; `None` if a picture
+    /// is beyond comparison.
     pub(crate) fn differentiate(
         &mut self,
         scene: &Gaussians,
-        (view, camera): (usize, &Camera),
-        exposure: Exposure,
-        weight: f32,
+        seen: &[Seen],
         (rasterizer, gradients): (&mut Rasterizer, &mut Gradients),
-    ) -> Result<Option<Compared>> {
-        let (renderings, tape) = rasterizer.record(scene, std::slice::from_ref(camera), &self.settings)?;
-        let image = renderings[0].image.data();
-        let target = &self.targets[view];
-        let compared = target.compare(image, exposure, self.loss, weight, &mut self.scratch);
-        let Some(mut compared) = compared else { return Ok(None) };
-        let image = std::mem::take(&mut compared.by_rendering);
-        let pixels = PixelGradients { image: image.into(), alpha: None, depth: None };
-        rasterizer.backward_into(scene, &tape, &[pixels], gradients)?;
+    ) -> Result<Option<Vec<Compared>>> {
+        let cameras: Vec<Camera> = seen.iter().map(|seen| seen.camera).collect();
+        let (renderings, tape) = rasterizer.record(scene, &cameras, &self.settings)?;
+        let (loss, weight) = (self.loss, 1.0 / seen.len() as f32);
+        self.scratch.resize_with(seen.len(), SsimScratch::default);
+        let pictures = seen.par_iter().zip(&renderings).zip(&mut self.scratch);
+        let compared = pictures.map(|((&Seen { view, exposure, .. }, rendering), scratch)| {
+            self.targets[view].compare(rendering.image.data(), exposure, loss, weight, scratch)
+        });
+        let Some(mut compared) = compared.collect::<Option<Vec<_>>>() else { return Ok(None) };
+        let by_pixels = |compared: &mut Compared| {
+            let image = std::mem::take(&mut compared.by_rendering);
+            PixelGradients { image: image.into(), alpha: None, depth: None }
+        };
+        let pixels: Vec<_> = compared.iter_mut().map(by_pixels).collect();
+        rasterizer.backward_into(scene, &tape, &pixels, gradients)?;
         Ok(Some(compared))
     }
 }
@@ -81,17 +96,15 @@ mod tests {
         let scene = disturbed(&truth, 1.0);
         let mut rasterizer = Rasterizer::cpu();
         let mut objective = Objective::new(&scene, &views, loss, 0.3).unwrap();
+        let seen = |(view, of_view): (usize, &View)| Seen { view, camera: *of_view.camera(), exposure };
+        let seen: Vec<Seen> = views.iter().enumerate().map(seen).collect();
         let mut evaluate = |scene: &Gaussians| {
-            let (mut value, mut geometry, mut sh) =
-                (0.0, vec![0.0; scene.geometry().len()], vec![0.0; scene.sh().len()]);
             let mut gradients = Gradients::default();
-            for view in views.iter().map(View::camera).enumerate() {
-                let into = (&mut rasterizer, &mut gradients);
-                let compared = objective.differentiate(scene, view, exposure, 0.5, into).unwrap().unwrap();
-                value += 0.5 * compared.loss;
-                geometry.iter_mut().zip(&gradients.geometry).for_each(|(a, b)| *a += f64::from(*b));
-                sh.iter_mut().zip(&gradients.sh).for_each(|(a, b)| *a += f64::from(*b));
-            }
+            let into = (&mut rasterizer, &mut gradients);
+            let compared = objective.differentiate(scene, &seen, into).unwrap().unwrap();
+            let value = compared.iter().map(|compared| compared.loss).sum::<f64>() / seen.len() as f64;
+            let [geometry, sh] = [gradients.geometry, gradients.sh]
+                .map(|numbers| numbers.into_iter().map(f64::from).collect::<Vec<f64>>());
             (value, geometry, sh)
         };
         let (_, geometry, sh) = evaluate(&scene);

@@ -5,7 +5,7 @@ use crate::damping::Floors;
 use crate::exposure::Exposures;
 use crate::half::{half_size, low_pass};
 use crate::limits::{Limits, row_rates};
-use crate::objective::Objective;
+use crate::objective::{Objective, Seen};
 use crate::poses::Poses;
 use crate::schedule::{Turns, decay, rise};
 use crate::{Config, Error, Exposure, Report, Result, Step, StepRecord, Stopped};
@@ -145,8 +145,8 @@ struct Work<'a> {
     limits: Vec<Limits>,
     geometry_moments: Moments,
     sh_moments: Moments,
-    /// Memory for the sum of a step's derivatives, and for those of its views after the first.
-    gradients: [Gradients; 2],
+    /// Memory for a step's derivatives.
+    gradients: Gradients,
     /// Newest PSNR of every view; none yet at this size.
     psnr: Vec<Option<f64>>,
     /// Updates done.
@@ -185,7 +185,7 @@ impl<'a> Work<'a> {
             geometry_moments: Moments::new(gaussians.geometry().len()),
             sh_moments: Moments::new(gaussians.sh().len()),
             gaussians,
-            gradients: Default::default(),
+            gradients: Gradients::default(),
             psnr,
             updates: 0,
             spent: Duration::ZERO,
@@ -217,42 +217,31 @@ impl<'a> Work<'a> {
     /// One step on some views: the mean of their losses, or `None` if a loss or a derivative was not finite;
     /// all is then as it was.
     fn step(&mut self, chosen: &[usize], factor: f32, rasterizer: &mut Rasterizer) -> Result<Option<f64>> {
-        let weight = 1.0 / chosen.len() as f32;
-        let mut compared_views = Vec::with_capacity(chosen.len());
-        let mut poses = Vec::with_capacity(chosen.len());
-        let mut loss = 0.0;
-        for (number, &view) in chosen.iter().enumerate() {
-            let exposure = self.exposures.of(view);
-            let objective = self.coarse.as_mut().unwrap_or(&mut self.objective);
+        let objective = self.coarse.as_mut().unwrap_or(&mut self.objective);
+        let seen = |&view: &usize| {
             let camera = self.poses.moved(view, objective.camera(view));
-            let gradients = &mut self.gradients[number.min(1)];
-            let into = (&mut *rasterizer, &mut *gradients);
-            let compared =
-                objective.differentiate(&self.gaussians, (view, &camera), exposure, weight, into)?;
-            let Some(compared) = compared else { return Ok(None) };
-            poses.extend(gradients.cameras.first().map(|gradient| (view, camera, *gradient)));
-            loss += compared.loss * f64::from(weight);
-            compared_views.push((view, compared));
-            if number > 0 {
-                let [sum, more] = &mut self.gradients;
-                add(&mut sum.geometry, &more.geometry);
-                add(&mut sum.sh, &more.sh);
-            }
-        }
-        let [sum, _] = &self.gradients;
-        if chosen.is_empty() || !(is_sound(&sum.geometry) && is_sound(&sum.sh)) {
+            Seen { view, camera, exposure: self.exposures.of(view) }
+        };
+        let seen: Vec<Seen> = chosen.iter().map(seen).collect();
+        let into = (rasterizer, &mut self.gradients);
+        let Some(compared) = objective.differentiate(&self.gaussians, &seen, into)? else { return Ok(None) };
+        if !(is_sound(&self.gradients.geometry) && is_sound(&self.gradients.sh)) {
             return Ok(None);
         }
-        for (view, compared) in compared_views {
-            self.psnr[view] = Some(compared.psnr);
-            self.exposures.draw(view, compared.fit);
+        for (seen, compared) in seen.iter().zip(&compared) {
+            self.psnr[seen.view] = Some(compared.psnr);
+            self.exposures.draw(seen.view, compared.fit);
         }
         self.updates += 1;
         let gradients = std::mem::take(&mut self.gradients);
-        self.update(&gradients[0], factor);
+        self.update(&gradients, factor);
+        let by_cameras = seen.iter().zip(&gradients.cameras);
+        let by_cameras: Vec<_> =
+            by_cameras.map(|(seen, gradient)| (seen.view, seen.camera, *gradient)).collect();
+        self.poses.update(&by_cameras, factor);
         self.gradients = gradients;
-        self.poses.update(&poses, factor);
-        Ok(Some(loss))
+        let losses: f64 = compared.iter().map(|compared| compared.loss).sum();
+        Ok(Some(losses / compared.len() as f64))
     }
 
     fn update(&mut self, gradients: &Gradients, factor: f32) {
@@ -303,10 +292,6 @@ impl<'a> Work<'a> {
             update(isa, values, gradients, (first, second), (&steps, &least), means);
         });
     }
-}
-
-fn add(sum: &mut [f32], more: &[f32]) {
-    sum.par_iter_mut().with_min_len(1 << 14).zip(more).for_each(|(sum, more)| *sum += more);
 }
 
 /// Whether Adam can take these derivatives; NaN fails the comparison.

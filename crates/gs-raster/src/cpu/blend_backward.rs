@@ -42,16 +42,16 @@ pub(super) struct Summed<'a> {
     pub(super) moments: &'a [Moments],
     /// What they are to be multiplied by.
     pub(super) unit: f64,
+    /// The gradient by the background.
+    pub(super) background: [f64; 3],
 }
 
-/// Sums the gradients of each splat over its pixels, and adds the gradient by the background to `background`. Shares are
-/// summed if there are `values`, one per pixel.
+/// Sums the gradients of each splat over its pixels. Shares are summed if there are `values`, one per pixel.
 pub(super) fn sum<'a>(
     lists: Lists,
     settings: &RenderSettings,
     traces: &[Trace],
     (pixels, values): (&PixelGradients, Option<&[f32]>),
-    background: &mut [f64; 3],
     Buffers { by_tile, by_splat }: &'a mut Buffers,
 ) -> Summed<'a> {
     let unit = unit(pixels);
@@ -82,6 +82,7 @@ pub(super) fn sum<'a>(
             (&*moments, tile.background)
         })
         .collect();
+    let mut background = [0.0; 3];
     for (_, tile) in &tiles {
         for (sum, value) in background.iter_mut().zip(tile) {
             *sum += unit * value;
@@ -104,7 +105,7 @@ pub(super) fn sum<'a>(
             }
         });
     });
-    Summed { moments, unit }
+    Summed { moments, unit, background }
 }
 
 /// As many entries of a buffer, which may hold anything. A buffer that is far too large is given back, so that one large view does not hold

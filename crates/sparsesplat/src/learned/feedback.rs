@@ -19,8 +19,9 @@
 use crate::anchored::Anchored;
 use crate::{Error, Result};
 use glam::Vec3;
-use gs_raster::{PixelGradients, Rasterizer, RenderSettings, near_plane};
-use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0};
+use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, near_plane};
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0, View};
+use rayon::prelude::*;
 
 /// Numbers by the pixels of the own view, and as many by those of the others.
 const OF_PART: usize = 12;
@@ -30,6 +31,10 @@ pub(super) const FEEDBACK: usize = 2 * OF_PART;
 const LARGEST: f32 = 3.0;
 /// Colours are drawn no darker than this: one that is cut at 0 would have no gradient, from which Σ w e is read.
 const DARKEST: f32 = 1e-4;
+/// Views that are rendered side by side: while threads wait for each other in one, they work in the other. More would take more memory.
+const AT_ONCE: usize = 2;
+/// Anchors per parallel task.
+const ROWS: usize = 4096;
 /// Share of the cell's area that is added to Σ w: what is hardly seen is told little.
 const AREA_SHARE: f32 = 0.1;
 
@@ -50,33 +55,26 @@ struct Sums {
 /// If the closed form covers more tiles of a picture than the renderer takes.
 pub(super) fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
     let scene = closed_form(anchored);
-    let mut rasterizer = Rasterizer::cpu();
+    let mut rasterizers: [Rasterizer; AT_ONCE] = std::array::from_fn(|_| Rasterizer::cpu());
     let mut sums = vec![[Sums::default(); 2]; anchored.base.len()];
-    for (index, view) in anchored.views.iter().enumerate() {
-        let camera = std::slice::from_ref(view.camera());
-        let near = near_plane(&anchored.base, view.camera());
-        let failed = |error| Error::Feedback { view: view.name().to_owned(), source: Box::new(error) };
-        let settings = RenderSettings { near, ..RenderSettings::default() };
-        let (rendered, tape) = rasterizer.record(&scene, camera, &settings).map_err(failed)?;
-        let rendered = rendered[0].image.data();
-        let error: Vec<f32> =
-            view.image().data().iter().zip(rendered).map(|(photograph, r)| photograph - r).collect();
-        let squares = error.chunks_exact(3).map(|e| e.iter().map(|e| e * e).sum()).collect();
-        let pixels = PixelGradients { image: error.into(), alpha: None, depth: None };
-        let (gradients, shares) =
-            rasterizer.backward_with_shares(&scene, &tape, &[pixels], &[squares]).map_err(failed)?;
-        let rows = gradients.geometry.chunks_exact(Gaussians::GEOMETRY);
-        let rows = rows.zip(gradients.sh.chunks_exact(3)).zip(&shares);
-        for (((geometry, colour), [weight, squared_error]), (sums, &home)) in
-            rows.zip(sums.iter_mut().zip(&anchored.anchors.views))
-        {
-            let sums = &mut sums[usize::from(home as usize != index)];
-            sums.weight += weight;
-            sums.squared_error += squared_error;
-            sums.error += Vec3::from_slice(colour) / SH_C0;
-            sums.by_opacity += geometry[OPACITY_LOGIT];
-            sums.by_scale += Vec3::from_slice(&geometry[LOG_SCALE]);
-            sums.by_mean += Vec3::from_slice(&geometry[MEAN]);
+    for (first, views) in (0..).step_by(AT_ONCE).zip(anchored.views.chunks(AT_ONCE)) {
+        let work = views.par_iter().zip(&mut rasterizers);
+        let found: Vec<_> =
+            work.map(|(view, rasterizer)| descent(&scene, &anchored.base, view, rasterizer)).collect();
+        for (index, found) in (first..).zip(found) {
+            let (gradients, shares) = found?;
+            let rows = gradients.geometry.par_chunks_exact(Gaussians::GEOMETRY);
+            let rows = rows.zip(gradients.sh.par_chunks_exact(3)).zip(&shares);
+            let sums = sums.par_iter_mut().with_min_len(ROWS).zip(&anchored.anchors.views);
+            sums.zip(rows).for_each(|((sums, &home), ((geometry, colour), [weight, squared_error]))| {
+                let sums = &mut sums[usize::from(home as usize != index)];
+                sums.weight += weight;
+                sums.squared_error += squared_error;
+                sums.error += Vec3::from_slice(colour) / SH_C0;
+                sums.by_opacity += geometry[OPACITY_LOGIT];
+                sums.by_scale += Vec3::from_slice(&geometry[LOG_SCALE]);
+                sums.by_mean += Vec3::from_slice(&geometry[MEAN]);
+            });
         }
     }
     let of_anchor = |(anchor, sums): (usize, [Sums; 2])| {
@@ -86,6 +84,25 @@ pub(super) fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
             .flat_map(move |sums| numbers(sums, anchored.cells[anchor].area, to_camera * sums.by_mean))
     };
     Ok(sums.into_iter().enumerate().flat_map(of_anchor).collect())
+}
+
+/// The descent of ½ Σ ∣e∣² of a view, and (Σ w, Σ w ∣e∣²) of every Gaussian. The near plane is that of `base`.
+fn descent(
+    scene: &Gaussians,
+    base: &Gaussians,
+    view: &View,
+    rasterizer: &mut Rasterizer,
+) -> Result<(Gradients, Vec<[f32; 2]>)> {
+    let camera = std::slice::from_ref(view.camera());
+    let settings = RenderSettings { near: near_plane(base, view.camera()), ..RenderSettings::default() };
+    let failed = |error| Error::Feedback { view: view.name().to_owned(), source: Box::new(error) };
+    let (rendered, tape) = rasterizer.record(scene, camera, &settings).map_err(failed)?;
+    let rendered = rendered[0].image.data();
+    let error: Vec<f32> =
+        view.image().data().iter().zip(rendered).map(|(photograph, r)| photograph - r).collect();
+    let squares = error.chunks_exact(3).map(|e| e.iter().map(|e| e * e).sum()).collect();
+    let pixels = PixelGradients { image: error.into(), alpha: None, depth: None };
+    rasterizer.backward_with_shares(scene, &tape, &[pixels], &[squares]).map_err(failed)
 }
 
 /// What is rendered: Gaussians of the anchors and the far shell, in the common exposure.
