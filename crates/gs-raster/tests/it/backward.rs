@@ -247,6 +247,53 @@ fn views_of_a_batch_add_up() {
 }
 
 #[test]
+fn three_views_side_by_side_are_those_one_by_one_on_any_number_of_threads() {
+    let (scene, camera) = discs(3000);
+    let lens = gs_scene::Intrinsics { fx: 60.0, fy: 60.0, cx: 11.0, cy: 15.5, width: 20, height: 33 };
+    let other = |lens, shift| Camera::new(lens, camera.rotation(), shift).expect("valid");
+    let cameras = [
+        camera,
+        other(*camera.intrinsics(), glam::DVec3::new(-0.2, 0.1, 0.4)),
+        other(lens, glam::DVec3::new(0.1, 0.0, 0.2)),
+    ];
+    let pixels = cameras.map(|camera| some_pixels(&camera));
+    let values = cameras
+        .map(|camera| (0..camera.width() * camera.height()).map(|i| (i % 7) as f32).collect::<Vec<f32>>());
+    let draw = |views: std::ops::Range<usize>| {
+        let mut rasterizer = Rasterizer::cpu();
+        let (seen, tape) = rasterizer.record(&scene, &cameras[views.clone()], &with_depth()).expect("valid");
+        let (by, shares) = rasterizer
+            .backward_with_shares(&scene, &tape, &pixels[views.clone()], &values[views])
+            .expect("valid");
+        let seen: Vec<_> = seen.into_iter().map(|view| (view.image, view.alpha, view.depth)).collect();
+        (seen, by, shares)
+    };
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("valid");
+        pool.install(|| draw(0..3))
+    };
+    let all = on(1);
+    for threads in [2, 3, 7] {
+        assert!(on(threads) == all, "{threads} threads");
+    }
+    let (seen, by, shares) = all;
+    let [mut sum, second, third] = [0, 1, 2].map(|view| draw(view..view + 1));
+    for (more, by_more, more_shares) in [second, third] {
+        sum.0.extend(more);
+        sum.1.cameras.extend(by_more.cameras);
+        let numbers = sum.1.geometry.iter_mut().zip(&by_more.geometry);
+        numbers.chain(sum.1.sh.iter_mut().zip(&by_more.sh)).for_each(|(sum, more)| *sum += more);
+        sum.1.background.iter_mut().zip(by_more.background).for_each(|(sum, more)| *sum += more);
+        let shares = sum.2.as_flattened_mut().iter_mut().zip(more_shares.as_flattened());
+        shares.for_each(|(sum, more)| *sum += more);
+    }
+    assert!(shares.iter().filter(|share| share[0] > 0.0).count() > 100);
+    assert!(sum.0 == seen, "pictures");
+    assert!(sum.1 == by, "gradients");
+    assert!(sum.2 == shares, "shares");
+}
+
+#[test]
 fn the_scale_of_the_world_scales_what_is_in_its_units() {
     let (scene, camera) = discs(300);
     let factor = 64.0f64;

@@ -31,7 +31,7 @@ pub(super) const FEEDBACK: usize = 2 * OF_PART;
 const LARGEST: f32 = 3.0;
 /// Colours are drawn no darker than this: one that is cut at 0 would have no gradient, from which Σ w e is read.
 const DARKEST: f32 = 1e-4;
-/// Views that are rendered side by side: while threads wait for each other in one, they work in the other. More would take more memory.
+/// Views that are rendered side by side, as many as the renderer walks back at once.
 const AT_ONCE: usize = 2;
 /// Anchors per parallel task.
 const ROWS: usize = 4096;
