@@ -64,9 +64,9 @@ pub fn anchor(
         (false, _, _) => Gaussians::empty(0),
         // Without a total to keep within, the shell has its finest cells.
         (true, Budget::Tau(_), _) | (true, _, Allocation::PixelAligned) => {
-            shell::shell(&exposed, *far, usize::MAX)
+            shell::shell(&exposed, geometry, *far, usize::MAX)
         }
-        (true, Budget::Gaussians(n), _) => shell::shell(&exposed, *far, n),
+        (true, Budget::Gaussians(n), _) => shell::shell(&exposed, geometry, *far, n),
     })?;
 
     let (pixels, tau) =

@@ -20,7 +20,7 @@ pub(crate) fn finish(
     let Geometry { views: geometry, depth_range, .. } = geometry;
     let (exposed, exposure) = stages.run(Stage::Exposure, || exposure::equalised(views, geometry));
     let shell = stages.run(Stage::Shell, || match config.far_shell {
-        true => shell::shell(&exposed, depth_range.1, usize::MAX),
+        true => shell::shell(&exposed, geometry, depth_range.1, usize::MAX),
         false => Gaussians::empty(0),
     })?;
     let mut per_view = Vec::new();

@@ -7,7 +7,7 @@ use sparsesplat::{Allocation, Budget, Config, Prediction, Predictor, Sampler, St
 fn check_exact(views: &[View], config: &Config, n: usize) -> Prediction {
     let prediction = run(views, &Config { budget: Budget::Gaussians(n), ..config.clone() });
     assert_eq!(prediction.counts.total, n);
-    assert!(prediction.counts.shell as f64 <= 0.15 * n as f64, "{:?}", prediction.counts);
+    assert!(prediction.counts.shell as f64 <= 0.08 * n as f64, "{:?}", prediction.counts);
     let draws = !matches!(config.allocation, Allocation::Merged | Allocation::VoxelAligned);
     assert_eq!(prediction.tau.is_some_and(|tau| tau.is_finite() && tau > 0.0), draws);
     prediction
