@@ -37,6 +37,8 @@ pub struct Trainer {
     schema: String,
     lpips: Option<Lpips>,
     rasterizer: Arc<Mutex<Rasterizer>>,
+    /// How views are rendered; the near plane is each view's own.
+    rendering: RenderSettings,
     ranks: Arc<Ranks>,
     /// Whether the ranks are known to do the same.
     agreed: bool,
@@ -121,6 +123,7 @@ impl Trainer {
             schema: schema.to_owned(),
             lpips: None,
             rasterizer: Arc::new(Mutex::new(rasterizer)),
+            rendering: RenderSettings::default(),
             ranks: Arc::new(Ranks::alone()),
             agreed: false,
             config,
@@ -364,7 +367,7 @@ impl Trainer {
             let render = Render {
                 rasterizer: Arc::clone(&self.rasterizer),
                 camera: *view.camera(),
-                settings: settings(&anchored, view),
+                settings: self.settings(&anchored, view),
                 tape: Mutex::default(),
             };
             let picture = made.apply_op1(render)?;
@@ -446,8 +449,11 @@ impl Trainer {
                 for ((scene, sum), picture) in
                     [&learned, &closed].into_iter().zip(&mut sums).zip(&mut pictures)
                 {
-                    let rendering =
-                        lock(&self.rasterizer).render(scene, view.camera(), &settings(&anchored, view))?;
+                    let rendering = lock(&self.rasterizer).render(
+                        scene,
+                        view.camera(),
+                        &self.settings(&anchored, view),
+                    )?;
                     let mse = clipped_mse(rendering.image.data(), view);
                     *sum += decibel(mse) / (case.targets.len() * cases.len()) as f64;
                     *picture = rendering.image.data().to_vec();
@@ -458,15 +464,15 @@ impl Trainer {
         }
         Ok(Score { density, psnr: sums[0], psnr_closed_form: sums[1] })
     }
+
+    /// The near plane is that of the closed form: it must not move under the optimiser.
+    fn settings(&self, anchored: &Anchored, view: &View) -> RenderSettings {
+        RenderSettings { near: near_plane(&anchored.base, view.camera()), ..self.rendering }
+    }
 }
 
 fn decibel(mse: f64) -> f64 {
     -10.0 * mse.log10()
-}
-
-/// The near plane is that of the closed form: it must not move under the optimiser.
-fn settings(anchored: &Anchored, view: &View) -> RenderSettings {
-    RenderSettings { near: near_plane(&anchored.base, view.camera()), ..RenderSettings::default() }
 }
 
 #[cfg(test)]

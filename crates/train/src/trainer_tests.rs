@@ -31,13 +31,13 @@ enum Along {
 #[test]
 fn the_gradient_of_the_chain_is_that_of_differences() {
     let cache = tempfile::tempdir().unwrap();
-    // Where two Gaussians change places, or a footprint ends because it becomes too faint, the loss has a step that no derivative knows
-    // of: large ones, of which the median of pieces sees none, and small ones in every piece. With pooling those come to 5 %; its
-    // derivative, and the others' more closely, are checked where there are none, as long as colours alone change.
+    // Where two Gaussians change places the loss has a step that no derivative knows of: large ones, of which the median of pieces sees none,
+    // and with pooling small ones in every piece. Its derivative, and the others' more closely, are checked where there are none, as long as
+    // colours alone change.
     let cases = [
-        (Kind::Attention, Along::LastLayer, 0.02),
-        (Kind::Mlp, Along::All, 0.02),
-        (Kind::EdgeConv, Along::All, 0.02),
+        (Kind::Attention, Along::LastLayer, 0.01),
+        (Kind::Mlp, Along::All, 0.01),
+        (Kind::EdgeConv, Along::All, 0.01),
         (Kind::Attention, Along::Colours, 0.005),
         (Kind::Mlp, Along::Colours, 0.005),
         (Kind::EdgeConv, Along::Colours, 0.005),
@@ -56,6 +56,9 @@ fn the_gradient_of_the_chain_is_that_of_differences() {
             ..Config::default()
         };
         let mut trainer = trainer(config, cache.path());
+        // With the cut-offs of a normal rendering, footprints end in every piece, and the slopes are up to 5 % off.
+        trainer.rendering =
+            RenderSettings { alpha_min: 1e-6, transmittance_min: 1e-7, ..RenderSettings::default() };
         // Away from the start, where the last layer is 0 and hides the others.
         let recipe = Weights::recipe(trainer.net.config(), "chain").unwrap();
         trainer.weights = recipe.values.iter().map(|w| 0.5 * w).collect();
