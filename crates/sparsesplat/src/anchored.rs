@@ -159,14 +159,9 @@ fn area_per_anchor(neighbours: Option<&Neighbors>, anchor: usize) -> Option<f64>
     Some(std::f64::consts::PI * f64::from(farthest) / found.k as f64)
 }
 
-/// Whether a pixel may become a Gaussian: it has a depth, with a confidence above 0.
+/// Whether a pixel may become a Gaussian.
 fn usable(geometry: &ViewGeometry) -> impl Iterator<Item = bool> {
-    geometry
-        .depth
-        .data()
-        .iter()
-        .zip(&geometry.confidence)
-        .map(|(&depth, &confidence)| depth > 0.0 && confidence > 0.0)
+    (0..geometry.confidence.len()).map(|pixel| shell::surface(geometry, pixel).is_some())
 }
 
 /// The chosen pixels of every view, and tau; `shell` Gaussians of the budget are spent already. Where surfaces were fused, a surface has the

@@ -76,8 +76,8 @@ fn mean_colour(image: &Image, place: DVec2, cell: f64) -> [f32; 3] {
     sum.map(|s| (s / n) as f32)
 }
 
-/// z-depth of a pixel (row-major index) that may become a Gaussian.
-fn surface(geometry: &ViewGeometry, pixel: usize) -> Option<f64> {
+/// z-depth of a pixel (row-major index) that may become a Gaussian: it has a depth, with a confidence above 0.
+pub(crate) fn surface(geometry: &ViewGeometry, pixel: usize) -> Option<f64> {
     let depth = geometry.depth.data()[pixel];
     (depth > 0.0 && geometry.confidence[pixel] > 0.0).then_some(f64::from(depth))
 }
