@@ -59,9 +59,11 @@ impl Method {
         if self.curve {
             config.smallest_gain = 0.0;
         }
-        // In the exposure of the Gaussians.
+        // In the exposure of the Gaussians. As photographed, their colours follow the exposures by themselves.
         let mut exposed: Vec<View> = window.context.clone();
-        if self.predict.exposure == Exposure::Common {
+        let common = self.predict.exposure == Exposure::Common;
+        config.exposure &= common;
+        if common {
             exposed.iter_mut().zip(&prediction.exposure).for_each(|(view, exposure)| exposure.apply(view));
         }
         let scene = std::mem::replace(&mut prediction.gaussians, Gaussians::empty(0)?);

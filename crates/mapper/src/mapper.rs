@@ -349,7 +349,7 @@ impl Mapper {
         let config = refine::Config {
             stop: refine::Stop::Steps(self.config.refine),
             views_per_step: views.len(),
-            rates: refine::Rates { mean, rotation, scale, opacity, colour, ..rounds.rates },
+            rates: refine::Rates { mean, rotation, scale, opacity, colour, ..refine::Rates::default() },
             largest: LARGEST as f32,
             // A map takes its steps from many keyframes, one after the other, so no single one may push far.
             damping: refine::Config::default().damping,

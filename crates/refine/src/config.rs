@@ -33,7 +33,8 @@ pub struct Config {
     pub loss: Loss,
     /// SH degree of the result, 0 to 3, if above that of the scene: its new coefficients start at 0.
     pub sh_degree: usize,
-    /// Whether a gain and a bias per view take up what the views disagree in, if they do.
+    /// Whether a gain and a bias per view take up what the views disagree in, if they do. For a scene in one exposure: colours that change with
+    /// the direction can follow the photographs, and would be drawn away from them.
     pub exposure: bool,
     /// Whether Gaussians that have become too transparent to be drawn are dropped. No rendering changes by
     /// it.
@@ -148,6 +149,7 @@ impl Config {
                 scale: 0.29,
                 opacity: 0.6,
                 colour: 0.035,
+                sh: 0.008,
                 ..Rates::default()
             },
             warm_up: 0,

@@ -12,9 +12,9 @@ use glam::DVec3;
 use gs_scene::{Gaussians, MEAN, View, rgb_from_dc, sh_coefficients};
 use rayon::prelude::*;
 
-/// λ. From 0.03 to 0.1 held-out photographs do not change by 0.01 dB (docs/journal/2026-11-training-runs.md); a larger one bounds the change better in directions that no
+/// λ. From 0.02 to 0.04 held-out photographs do not change by 0.01 dB (docs/journal/2026-11-exposure.md); a larger one bounds the change better in directions that no
 /// photograph has: |Y·s| ≤ |Y| |δ| / (2 √λ).
-const RIDGE: f64 = 0.1;
+const RIDGE: f64 = 0.04;
 /// A gain below this, which no photograph of a scene has beside the others, is taken for this.
 const SMALLEST_GAIN: f64 = 0.1;
 /// Gaussians per parallel task.

@@ -21,12 +21,12 @@ pub(crate) fn look(
         return Ok(gaussians);
     }
     stages.run(Stage::Looks, || {
-        let differ = differ(exposure);
         let mut views = Cow::Borrowed(views);
-        if differ && config.exposure == Exposure::Common {
+        let into_one = differ(exposure) && config.exposure == Exposure::Common;
+        if into_one {
             views.to_mut().iter_mut().zip(exposure).for_each(|(view, exposure)| exposure.apply(view));
         }
-        rounds_of_steps(gaussians, &views, differ, config.looks - 1)
+        rounds_of_steps(gaussians, &views, into_one, config.looks - 1)
     })
 }
 
@@ -49,9 +49,10 @@ fn differ(exposure: &[ExposureGain]) -> bool {
     exposure.iter().any(|&view| view != ExposureGain::NONE)
 }
 
-fn rounds_of_steps(gaussians: Gaussians, views: &[View], differ: bool, rounds: usize) -> Result<Gaussians> {
+/// `into_one`: the views were brought into one exposure, and what is left of their differences is not the scene's.
+fn rounds_of_steps(gaussians: Gaussians, views: &[View], into_one: bool, rounds: usize) -> Result<Gaussians> {
     // The order of the views is always the same: a pass that takes all pixels does not depend on a seed.
-    let settings = refine::Config { exposure: differ, ..refine::Config::rounds(rounds, views.len()) };
+    let settings = refine::Config { exposure: into_one, ..refine::Config::rounds(rounds, views.len()) };
     let refined = refine::refine(gaussians, views, &settings, &mut Rasterizer::cpu(), &mut |_| {});
     refined.map(|refined| refined.gaussians).map_err(|error| Error::Looks(Box::new(error)))
 }
