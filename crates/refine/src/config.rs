@@ -36,6 +36,8 @@ pub struct Config {
     /// Whether a gain and a bias per view take up what the views disagree in, if they do. For a scene in one exposure: colours that change with
     /// the direction can follow the photographs, and would be drawn away from them.
     pub exposure: bool,
+    /// Whether all views are rendered before the first step, for [`Report::psnr_start`](crate::Report::psnr_start). `exposure` does so anyway.
+    pub measure_start: bool,
     /// Whether Gaussians that have become too transparent to be drawn are dropped. No rendering changes by
     /// it.
     pub prune: bool,
@@ -61,6 +63,7 @@ impl Default for Config {
             loss: Loss::default(),
             sh_degree: 0,
             exposure: true,
+            measure_start: true,
             prune: true,
             smallest_gain: 0.02,
             seed: 0,
@@ -157,6 +160,7 @@ impl Config {
             last_rate: of_one(0.45),
             momentum: 0.4,
             loss: Loss { dssim: 0.08, ..Loss::default() },
+            measure_start: false,
             prune: false,
             smallest_gain: 0.0,
             ..Self::default()

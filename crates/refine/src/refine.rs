@@ -169,10 +169,13 @@ impl<'a> Work<'a> {
             half.map(|half| Objective::new(&gaussians, half, config.loss, low_pass())).transpose()?;
         let mut at_start = vec![Exposure::NONE; views.len()];
         let mut psnr = vec![None; views.len()];
-        if config.exposure {
+        if config.exposure || config.measure_start {
             for (view, (at_start, psnr)) in at_start.iter_mut().zip(&mut psnr).enumerate() {
                 let (exposure, found) = objective.look(&gaussians, view, rasterizer)?;
-                (*at_start, *psnr) = (exposure, Some(found));
+                *psnr = Some(found);
+                if config.exposure {
+                    *at_start = exposure;
+                }
             }
         }
         Ok(Self {

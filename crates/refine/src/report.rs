@@ -8,8 +8,8 @@ use serde::Serialize;
 pub struct Report {
     /// Every step.
     pub steps: Vec<StepRecord>,
-    /// Mean PSNR over the context views before the first step, dB; NaN without [`Config::exposure`](crate::Config::exposure), which alone
-    /// looks at them then.
+    /// Mean PSNR over the context views before the first step, dB; NaN without [`Config::measure_start`](crate::Config::measure_start) and
+    /// [`Config::exposure`](crate::Config::exposure), which render them then.
     pub psnr_start: f64,
     /// Steps with a loss or a derivative that was not finite: they changed nothing.
     pub undone: usize,

@@ -188,6 +188,10 @@ fn views_that_disagree_get_exposures_and_others_none() {
     assert!((ratio - gain).abs() < 0.05, "{found:?}");
     let off = run(&truth, &views, &Config { exposure: false, ..config });
     assert!(off.report.exposure.is_empty());
+    // The views are measured at the start all the same, unless that is not wanted.
+    assert_eq!(off.report.psnr_start, refined.report.psnr_start);
+    let unmeasured = Config { exposure: false, measure_start: false, stop: Stop::Steps(1), ..config };
+    assert!(run(&truth, &views, &unmeasured).report.psnr_start.is_nan());
     let last = |refined: &Refined| refined.report.steps.last().unwrap().psnr_context;
     assert!(last(&refined) > last(&off) + 1.0, "{} {}", last(&refined), last(&off));
 }
