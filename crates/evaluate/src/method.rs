@@ -59,11 +59,10 @@ impl Method {
         if self.curve {
             config.smallest_gain = 0.0;
         }
-        // In the exposure of the Gaussians. As photographed, their colours follow the exposures by themselves.
+        // In the exposure of the Gaussians.
         let mut exposed: Vec<View> = window.context.clone();
-        let common = self.predict.exposure == Exposure::Common;
-        config.exposure &= common;
-        if common {
+        config.exposure &= self.predict.exposure.is_fitted_by_view();
+        if self.predict.exposure == Exposure::Common {
             exposed.iter_mut().zip(&prediction.exposure).for_each(|(view, exposure)| exposure.apply(view));
         }
         let scene = std::mem::replace(&mut prediction.gaussians, Gaussians::empty(0)?);

@@ -174,6 +174,15 @@ pub enum Exposure {
     Common,
 }
 
+impl Exposure {
+    /// Whether steps after the head fit a gain and a bias to each view. Views that were brought into one exposure still differ a little, and
+    /// that is not the scene's. As photographed, colours by direction follow the exposures, and a fit would draw them back to one.
+    #[must_use]
+    pub fn is_fitted_by_view(self) -> bool {
+        self == Self::Common
+    }
+}
+
 /// How many Gaussians.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

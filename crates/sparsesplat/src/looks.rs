@@ -4,7 +4,7 @@
 //! The paper has no such stage; ReSplat (arXiv 2510.08575) feeds errors of renderings back through a network instead. Held-out views are
 //! never seen.
 
-use crate::{Anchored, Config, Error, Exposure, ExposureGain, Result, Stage, Stages};
+use crate::{Anchored, Config, Error, ExposureGain, Result, Stage, Stages};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
 use std::borrow::Cow;
@@ -22,7 +22,7 @@ pub(crate) fn look(
     }
     stages.run(Stage::Looks, || {
         let mut views = Cow::Borrowed(views);
-        let into_one = differ(exposure) && config.exposure == Exposure::Common;
+        let into_one = differ(exposure) && config.exposure.is_fitted_by_view();
         if into_one {
             views.to_mut().iter_mut().zip(exposure).for_each(|(view, exposure)| exposure.apply(view));
         }

@@ -1,4 +1,4 @@
-use crate::{COURTYARD, given_depth, psnr, run};
+use crate::{COURTYARD, draw, given_depth, psnr, run};
 use gs_scene::View;
 use sparsesplat::{Config, Exposure, ExposureGain};
 
@@ -10,6 +10,13 @@ fn expose(view: &mut View, gain: f32, bias: f32) {
 fn with_exposure(index: usize, gain: f32, bias: f32) -> Vec<View> {
     let mut views = COURTYARD.0.clone();
     expose(&mut views[index], gain, bias);
+    views
+}
+
+/// Views that become lighter along the path; the first is at a step of it, the others two steps on each.
+fn along_the_path(views: &[View], first: usize) -> Vec<View> {
+    let mut views = views.to_vec();
+    views.iter_mut().enumerate().for_each(|(i, view)| expose(view, 0.8 + 0.06 * (first + 2 * i) as f32, 0.0));
     views
 }
 
@@ -73,10 +80,7 @@ fn a_scene_may_be_in_the_common_exposure() {
 #[test]
 fn a_scene_as_photographed_has_the_exposure_of_where_it_is_seen_from() {
     // Along the path photographs become lighter; those between two of them, and their own, must be met with nothing known of theirs.
-    let (mut context, mut targets) = COURTYARD.clone();
-    let gain = |step: usize| 0.8 + 0.06 * step as f32;
-    context.iter_mut().enumerate().for_each(|(i, view)| expose(view, gain(2 * i), 0.0));
-    targets.iter_mut().enumerate().for_each(|(i, view)| expose(view, gain(2 * i + 1), 0.0));
+    let (context, targets) = (along_the_path(&COURTYARD.0, 0), along_the_path(&COURTYARD.1, 1));
     let of = |exposure| run(&context, &Config { exposure, ..given_depth(8_000) });
     let (followed, common) = (of(Exposure::AsPhotographed), of(Exposure::Common));
     let ideal = run(&COURTYARD.0, &given_depth(8_000));
@@ -89,4 +93,18 @@ fn a_scene_as_photographed_has_the_exposure_of_where_it_is_seen_from() {
             "{which} views: {followed:.2} dB, {common:.2} in one exposure, {ideal:.2} where all have one"
         );
     }
+}
+
+#[test]
+fn looks_follow_the_exposures_of_a_scene_as_photographed() {
+    // Looks that fitted a gain and a bias to each view would draw the scene back to one exposure.
+    let views = along_the_path(&COURTYARD.0, 0);
+    let off = |looks| {
+        let prediction = run(&views, &Config { looks, ..given_depth(4_000) });
+        let sum = |values: &[f32]| values.iter().map(|value| f64::from(*value)).sum::<f64>();
+        let of = |view: &View| (sum(view.image().data()) / sum(draw(&prediction, view).data())).ln().abs();
+        views.iter().map(of).sum::<f64>() / views.len() as f64
+    };
+    let (head, looked) = (off(1), off(4));
+    assert!(looked < 0.73 * head, "light is off by {head:.4} after the head, {looked:.4} after looks");
 }

@@ -19,7 +19,7 @@ mod neighbours;
 mod quality;
 
 use gs_raster::{Rasterizer, RenderSettings};
-use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, View, sigmoid};
+use gs_scene::{Camera, Gaussians, Image, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, View, sigmoid};
 use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
 use sparsesplat::{
     Backbone, Budget, Config, DepthRange, Exposure, ExposureGain, Prediction, Predictor, Result, Stage,
@@ -99,14 +99,17 @@ fn positions(gaussians: &Gaussians) -> Vec<[f32; 3]> {
     gaussians.geometry().chunks_exact(Gaussians::GEOMETRY).map(|row| row[MEAN].try_into().unwrap()).collect()
 }
 
-/// Mean PSNR, decibels, of the prediction drawn from the targets' cameras.
-fn psnr(prediction: &Prediction, targets: &[View]) -> f64 {
+/// The prediction as the camera of a view sees it.
+fn draw(prediction: &Prediction, view: &View) -> Image {
     let settings =
         RenderSettings { near: 0.1 * prediction.depth_range.0 as f32, ..RenderSettings::default() };
-    let of = |target: &View| {
-        let drawn = Rasterizer::cpu().render(&prediction.gaussians, target.camera(), &settings).unwrap();
-        assert_eq!(drawn.stats.rejected, 0);
-        image_metrics::psnr(&drawn.image, target.image()).unwrap()
-    };
+    let drawn = Rasterizer::cpu().render(&prediction.gaussians, view.camera(), &settings).unwrap();
+    assert_eq!(drawn.stats.rejected, 0);
+    drawn.image
+}
+
+/// Mean PSNR, decibels, of the prediction drawn from the targets' cameras.
+fn psnr(prediction: &Prediction, targets: &[View]) -> f64 {
+    let of = |target: &View| image_metrics::psnr(&draw(prediction, target), target.image()).unwrap();
     targets.iter().map(of).sum::<f64>() / targets.len() as f64
 }
