@@ -14,12 +14,13 @@ use crate::view;
 use clap::Args;
 use evaluate::{Recipe, Runner, Step, WindowFigures, peak_rss_bytes};
 use gs_raster::Rasterizer;
+use gs_scene::{Camera, Lens, LensModel, View};
 use report::{PictureLimits, Report};
 use scene_windows::{Choice, Plan, Reading};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
-use view_data::Format;
+use view_data::{DatasetWriter, Format, Layout, PictureFormat};
 
 /// Reconstruct a 3D Gaussian scene from photographs
 ///
@@ -67,6 +68,15 @@ pub(crate) struct Arguments {
     /// that shows the scene in the browser goes beside it (fox.html has fox-view.html)
     #[arg(long, value_name = "PATH")]
     report: Option<PathBuf>,
+    /// Folder for a data set (nerfstudio) of the photographs used, with the cameras that --refine-poses found, in the scene's coordinates
+    #[arg(
+        long,
+        value_name = "DIR",
+        requires = "refine_poses",
+        help_heading = "Refinement",
+        hide_short_help = true
+    )]
+    refined_poses: Option<PathBuf>,
     #[command(flatten)]
     how: How,
     #[command(flatten)]
@@ -119,6 +129,7 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let format = output::scene_format(&arguments.output)?;
     let mut method = arguments.pipeline.method(arguments.seed, &common.given)?;
     method.predict.depth_range = plan.depth_range(method.predict.depth_range);
+    let refined_poses = arguments.refined_poses.as_deref().map(data_set).transpose()?;
     let begin = Instant::now();
     let runner = Runner::on(method.clone(), device::of_networks(common.device)).map_err(Failure::sorted)?;
     let reading = begin.elapsed().as_secs_f64();
@@ -142,6 +153,9 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let begin = Instant::now();
     let gaussians = &outcome.prediction.gaussians;
     output::write_scene(&arguments.output, format, gaussians, |loss| progress.warn(loss))?;
+    if let (Some(writer), Some(found)) = (refined_poses, &outcome.figures.refinement) {
+        write_views(writer, &window.context, &found.cameras)?;
+    }
     let seconds = &mut outcome.figures.figures.seconds;
     seconds.write = begin.elapsed().as_secs_f64();
     seconds.load += reading;
@@ -211,5 +225,24 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     if let (Some(page), Some(size)) = (&page, viewer) {
         print_line(&format!("viewer     {}, {size}", named(page)));
     }
+    if let Some(folder) = &arguments.refined_poses {
+        print_line(&format!("data set   {}", folder.display()));
+    }
+    Ok(())
+}
+
+/// A folder that is refused before long work if it holds something.
+fn data_set(folder: &Path) -> Outcome<DatasetWriter> {
+    DatasetWriter::create(folder, Layout::Nerfstudio, PictureFormat::Png).or_input()
+}
+
+/// Writes photographs without distortion, with cameras that differ from theirs.
+fn write_views(mut writer: DatasetWriter, views: &[View], cameras: &[Camera]) -> Outcome {
+    for (view, camera) in views.iter().zip(cameras) {
+        let moved = View::new(view.name(), view.image().clone(), *camera, view.depth().cloned()).or_work()?;
+        let lens = Lens { intrinsics: *camera.intrinsics(), model: LensModel::PINHOLE };
+        writer.add(&moved, &lens).or_work()?;
+    }
+    writer.finish().or_work()?;
     Ok(())
 }

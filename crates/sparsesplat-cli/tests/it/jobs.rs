@@ -7,6 +7,7 @@ use gs_scene::{read_ply, write_ply};
 use serde_json::Value;
 use sparsesplat::{Budget, Config, DepthRange};
 use std::fs;
+use std::path::Path;
 use std::process::Command;
 
 fn number(value: &Value) -> f64 {
@@ -196,6 +197,28 @@ fn refinement_makes_the_scene_better_and_says_how() {
     let (said, plain) = scene(&["--refine-seconds", "0"]);
     assert!(said.contains("refined    0 steps") && plain.len() >= refined.len(), "{said}");
     assert!(!scene(&[]).0.contains("refined"));
+}
+
+#[test]
+fn cameras_that_refinement_found_are_kept_as_a_data_set() {
+    let tiny = Tiny::new();
+    let refine = |folder: &Path| {
+        let settings = ["--gaussians", "1k", "--depth-range", RANGE, "--device", "cpu", "--refine", "12"];
+        let kept = ["--refine-poses", "--refined-poses", folder.to_str().unwrap()];
+        tiny.reconstruct(&[&settings[..], &kept].concat())
+    };
+    let folder = tiny.beside("refined");
+    assert!(refine(&folder).succeeded().stdout.contains("data set   "));
+    let [given, found] = [tiny.root(), folder.clone()].map(|root| view_data::open(&root, None).unwrap());
+    assert_eq!((found.frames.len(), found.offset), (6, None));
+    for frame in &found.frames {
+        let before = given.frames.iter().find(|other| other.name == frame.name).unwrap();
+        let shift = frame.position.distance(before.position);
+        assert!(shift > 0.0 && shift < 0.1, "{}: {shift}", frame.name);
+    }
+    // What lies there stays.
+    let refused = refine(&folder);
+    assert!(refused.code != Some(0) && refused.stderr.contains("refined"), "{}", refused.stderr);
 }
 
 #[test]
