@@ -38,6 +38,10 @@ pub struct Config {
     pub exposure: bool,
     /// Whether all views are rendered before the first step, for [`Report::psnr_start`](crate::Report::psnr_start). `exposure` does so anyway.
     pub measure_start: bool,
+    /// Whether a long refinement, of at least 120 steps, compares views between the photographs as well in the second half of its steps. Their
+    /// pictures are the mean of what the scene showed there at the start and shows at half of the way: many steps on photographs alone
+    /// make these better and the views between them worse. Not where [`Rates::pose`] moves cameras.
+    pub between: bool,
     /// Whether Gaussians that have become too transparent to be drawn are dropped. No rendering changes by
     /// it.
     pub prune: bool,
@@ -64,6 +68,7 @@ impl Default for Config {
             sh_degree: 0,
             exposure: true,
             measure_start: true,
+            between: true,
             prune: true,
             smallest_gain: 0.02,
             seed: 0,
@@ -161,6 +166,7 @@ impl Config {
             momentum: 0.4,
             loss: Loss { dssim: 0.08, ..Loss::default() },
             measure_start: false,
+            between: false,
             prune: false,
             smallest_gain: 0.0,
             ..Self::default()

@@ -83,8 +83,9 @@ impl Exposures {
         Self { views: at_start, fitted }
     }
 
+    /// That of a view; none for views beyond, which are no photographs.
     pub(crate) fn of(&self, view: usize) -> Exposure {
-        self.views[view]
+        self.views.get(view).copied().unwrap_or(Exposure::NONE)
     }
 
     pub(crate) fn all(self) -> Vec<Exposure> {

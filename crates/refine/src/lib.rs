@@ -7,6 +7,7 @@ mod report;
 mod refine;
 
 mod adam;
+mod between;
 mod damping;
 mod exposure;
 mod half;

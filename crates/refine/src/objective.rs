@@ -10,7 +10,7 @@ use rayon::prelude::*;
 /// How far a scene is from photographs, view by view.
 #[derive(Debug)]
 pub(crate) struct Objective<'a> {
-    views: &'a [View],
+    views: Vec<&'a View>,
     targets: Vec<Target<'a>>,
     loss: Loss,
     /// The near plane is that of the scene at the start: it must not move under the optimiser.
@@ -30,11 +30,16 @@ pub(crate) struct Seen {
 
 impl<'a> Objective<'a> {
     /// `low_pass` is the variance of the renderer's filter, square pixels of these views.
-    pub(crate) fn new(scene: &Gaussians, views: &'a [View], loss: Loss, low_pass: f32) -> Result<Self> {
+    pub(crate) fn new(scene: &Gaussians, views: Vec<&'a View>, loss: Loss, low_pass: f32) -> Self {
         let targets = views.par_iter().map(|view| Target::new(view, loss)).collect();
         let near = views.iter().map(|view| near_plane(scene, view.camera())).fold(f32::INFINITY, f32::min);
         let settings = RenderSettings { near, eps2d: low_pass, ..RenderSettings::default() };
-        Ok(Self { views, targets, loss, settings, scratch: Vec::new() })
+        Self { views, targets, loss, settings, scratch: Vec::new() }
+    }
+
+    /// Variance of the renderer's filter, square pixels.
+    pub(crate) fn low_pass(&self) -> f32 {
+        self.settings.eps2d
     }
 
     /// Exposure in which a view's photograph is closest to the scene as it is, and the PSNR without one; NaN
@@ -95,7 +100,7 @@ mod tests {
         let views = photographs(&truth, &cameras(2, (40, 32), 1.0));
         let scene = disturbed(&truth, 1.0);
         let mut rasterizer = Rasterizer::cpu();
-        let mut objective = Objective::new(&scene, &views, loss, 0.3).unwrap();
+        let mut objective = Objective::new(&scene, views.iter().collect(), loss, 0.3);
         let seen = |(view, of_view): (usize, &View)| Seen { view, camera: *of_view.camera(), exposure };
         let seen: Vec<Seen> = views.iter().enumerate().map(seen).collect();
         let mut evaluate = |scene: &Gaussians| {

@@ -1,18 +1,20 @@
 //! The loop of gradient steps.
 
 use crate::adam::{Means, Moments, update};
+use crate::between;
 use crate::damping::Floors;
 use crate::exposure::Exposures;
 use crate::half::{half_size, low_pass};
 use crate::limits::{Limits, row_rates};
 use crate::objective::{Objective, Seen};
 use crate::poses::Poses;
-use crate::schedule::{Turns, decay, rise};
+use crate::schedule::{Halves, Turns, decay, rise};
 use crate::{Config, Error, Exposure, Report, Result, Step, StepRecord, Stopped};
 use cpu_kernels::Isa;
 use gs_raster::{Gradients, Rasterizer, RenderSettings};
 use gs_scene::{Camera, Gaussians, View, sh_coefficients, sigmoid};
 use rayon::prelude::*;
+use std::cell::OnceCell;
 use std::time::{Duration, Instant};
 
 /// Gaussians per parallel task of an update.
@@ -59,11 +61,17 @@ pub fn refine(
     }
     let begin = Instant::now();
     let half = if config.coarse > 0.0 { half_size(views) } else { None };
+    // Where cameras move, the scene at the start was made for other ones.
+    let cameras =
+        if config.between && config.rates.pose == 0.0 { between::cameras(views) } else { Vec::new() };
+    let at_start = (!cameras.is_empty()).then(|| gaussians.clone());
+    let between = OnceCell::new();
     let mut work = Work::new(gaussians, views, half.as_deref(), config, rasterizer)?;
     work.spent = begin.elapsed();
     let mut turns = Turns::new(views.len(), config.seed);
     let mut report = Report { psnr_start: work.context_psnr(), ..Report::default() };
-    let mut rounds = Rounds::default();
+    let mut rounds = Rounds::of(views.len());
+    let mut halves = Halves::new(config.stop, at_start.is_some());
     while report.stopped.is_none() {
         let begin = Instant::now();
         let progress = config.stop.progress(report.steps.len(), work.spent);
@@ -72,17 +80,30 @@ pub fn refine(
             break;
         }
         if progress >= f64::from(config.coarse) && work.leave_half_size() {
-            rounds = Rounds::default();
+            rounds = Rounds::of(views.len());
+        }
+        if let Some(at_start) = &at_start
+            && work.at_full_size()
+            && halves.begin_second(report.steps.len(), progress)
+        {
+            let pictures = between::views(&cameras, [at_start, &work.gaussians], rasterizer)?;
+            let between = between.get_or_init(|| pictures);
+            let all: Vec<&View> = views.iter().chain(between).collect();
+            turns = Turns::new(all.len(), config.seed);
+            rounds = Rounds::of(all.len());
+            work.begin_anew(all);
         }
         let at_once = config.views_per_step.min(views.len());
         let chosen: Vec<usize> = (0..at_once).map(|_| turns.next()).collect();
-        let size = rise(report.steps.len() + 1, config.warm_up) * decay(progress, config.last_rate);
+        let (step, way) = halves.within(report.steps.len(), progress);
+        let size = rise(step + 1, config.warm_up) * decay(way, config.last_rate);
         let loss = work.step(&chosen, size, rasterizer)?;
         report.undone += usize::from(loss.is_none());
         work.spent += begin.elapsed();
-        let over = rounds.are_over(chosen.len(), views.len(), work.context_psnr(), config.smallest_gain);
+        let over = rounds.are_over(chosen.len(), work.context_psnr(), config.smallest_gain);
         if over && work.at_full_size() && config.stop.progress(report.steps.len() + 1, work.spent) < 1.0 {
-            report.stopped = Some(Stopped::NothingGained);
+            report.stopped =
+                (!halves.end_first(report.steps.len(), progress)).then_some(Stopped::NothingGained);
         }
         let record = StepRecord {
             step: report.steps.len() + 1,
@@ -107,23 +128,29 @@ pub fn refine(
 }
 
 /// The rounds over all views so far.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Rounds {
+    /// Views in a round.
+    all: usize,
     /// Views compared in the round that is going on.
-    views: usize,
+    compared: usize,
     /// PSNR at the end of each, dB.
     psnr: Vec<f64>,
 }
 
 impl Rounds {
-    /// Some of `all` views were compared; whether there is nothing left to gain. A single round says little:
-    /// steps are noisy.
-    fn are_over(&mut self, compared: usize, all: usize, psnr: f64, smallest_gain: f64) -> bool {
-        self.views += compared;
-        if self.views < all {
+    /// Rounds over so many views.
+    fn of(all: usize) -> Self {
+        Self { all, compared: 0, psnr: Vec::new() }
+    }
+
+    /// Some views were compared; whether there is nothing left to gain. A single round says little: steps are noisy.
+    fn are_over(&mut self, compared: usize, psnr: f64, smallest_gain: f64) -> bool {
+        self.compared += compared;
+        if self.compared < self.all {
             return false;
         }
-        self.views %= all;
+        self.compared %= self.all;
         self.psnr.push(psnr);
         let Some(before) = self.psnr.len().checked_sub(2 * PATIENCE) else { return false };
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -147,7 +174,7 @@ struct Work<'a> {
     sh_moments: Moments,
     /// Memory for a step's derivatives.
     gradients: Gradients,
-    /// Newest PSNR of every view; none yet at this size.
+    /// Newest PSNR of every photograph; none yet at this size.
     psnr: Vec<Option<f64>>,
     /// Updates done.
     updates: usize,
@@ -164,9 +191,9 @@ impl<'a> Work<'a> {
     ) -> Result<Self> {
         let gaussians = gaussians.with_sh_degree(config.sh_degree).expect("degree checked");
         let whole = RenderSettings::default().eps2d;
-        let objective = Objective::new(&gaussians, views, config.loss, whole)?;
+        let objective = Objective::new(&gaussians, views.iter().collect(), config.loss, whole);
         let coarse =
-            half.map(|half| Objective::new(&gaussians, half, config.loss, low_pass())).transpose()?;
+            half.map(|half| Objective::new(&gaussians, half.iter().collect(), config.loss, low_pass()));
         let mut at_start = vec![Exposure::NONE; views.len()];
         let mut psnr = vec![None; views.len()];
         if config.exposure || config.measure_start {
@@ -209,7 +236,16 @@ impl<'a> Work<'a> {
         left
     }
 
-    /// Mean over the views of the newest PSNR of each at this size. One that cannot be better, or cannot be
+    /// From now on these views are compared, of which the first are those so far. Nothing is known of the derivatives of the others, so the
+    /// optimiser begins anew.
+    fn begin_anew(&mut self, views: Vec<&'a View>) {
+        self.objective = Objective::new(&self.gaussians, views, self.config.loss, self.objective.low_pass());
+        self.geometry_moments = Moments::new(self.gaussians.geometry().len());
+        self.sh_moments = Moments::new(self.gaussians.sh().len());
+        self.updates = 0;
+    }
+
+    /// Mean over the photographs of the newest PSNR of each at this size. One that cannot be better, or cannot be
     /// compared, must not hide the others.
     fn context_psnr(&self) -> f64 {
         let known = self.psnr.iter().flatten().filter(|psnr| !psnr.is_nan());
@@ -232,8 +268,11 @@ impl<'a> Work<'a> {
             return Ok(None);
         }
         for (seen, compared) in seen.iter().zip(&compared) {
-            self.psnr[seen.view] = Some(compared.psnr);
-            self.exposures.draw(seen.view, compared.fit);
+            // Views between the photographs have neither a PSNR that counts nor an exposure.
+            if let Some(psnr) = self.psnr.get_mut(seen.view) {
+                *psnr = Some(compared.psnr);
+                self.exposures.draw(seen.view, compared.fit);
+            }
         }
         self.updates += 1;
         let gradients = std::mem::take(&mut self.gradients);

@@ -49,6 +49,61 @@ impl Stop {
     }
 }
 
+/// Fewest steps of a refinement that has two halves: shorter ones gain more by photographs alone.
+const LONG: f64 = 120.0;
+
+/// The halves of a long refinement. A short one has no second.
+#[derive(Debug)]
+pub(crate) struct Halves {
+    stop: Stop,
+    /// Whether there is something for a second half to compare.
+    possible: bool,
+    /// Whether the first has nothing left to gain.
+    first_is_over: bool,
+    /// Steps done and progress when the second began.
+    second: Option<(usize, f64)>,
+}
+
+impl Halves {
+    pub(crate) fn new(stop: Stop, possible: bool) -> Self {
+        Self { stop, possible, first_is_over: false, second: None }
+    }
+
+    /// Whether there are two, as far as can be told after so many steps and at this progress.
+    fn are_two(&self, steps: usize, progress: f64) -> bool {
+        let expected = match self.stop {
+            Stop::Steps(all) => all as f64,
+            Stop::Seconds(_) => steps as f64 / progress,
+        };
+        self.possible && expected >= LONG
+    }
+
+    /// Whether the second half begins with the next step.
+    pub(crate) fn begin_second(&mut self, steps: usize, progress: f64) -> bool {
+        let begins =
+            self.second.is_none() && self.are_two(steps, progress) && (self.first_is_over || progress >= 0.5);
+        if begins {
+            self.second = Some((steps, progress));
+        }
+        begins
+    }
+
+    /// There is nothing left to gain; whether a second half follows.
+    pub(crate) fn end_first(&mut self, steps: usize, progress: f64) -> bool {
+        self.first_is_over = self.second.is_none() && self.are_two(steps, progress);
+        self.first_is_over
+    }
+
+    /// Steps done in this half, and its progress.
+    pub(crate) fn within(&self, steps: usize, progress: f64) -> (usize, f64) {
+        match self.second {
+            Some((before, began)) => (steps - before, (progress - began) / (1.0 - began)),
+            None if self.are_two(steps, progress) => (steps, (2.0 * progress).min(1.0)),
+            None => (steps, progress),
+        }
+    }
+}
+
 /// Factor of the step sizes: half a cosine from 1 to `last`.
 pub(crate) fn decay(progress: f64, last: f32) -> f32 {
     let last = f64::from(last);
@@ -78,6 +133,31 @@ mod tests {
         assert!(rounds(3).windows(2).any(|pair| pair[0] != pair[1]));
         assert!(rounds(3) == rounds(3) && rounds(3) != rounds(4));
         assert_eq!(Turns::new(1, 0).next(), 0);
+    }
+
+    #[test]
+    fn long_ways_have_two_halves_and_short_ones_one() {
+        let mut short = Halves::new(Stop::Steps(119), true);
+        assert!(!short.begin_second(80, 80.0 / 119.0) && !short.end_first(80, 0.7));
+        assert_eq!(short.within(60, 0.25), (60, 0.25));
+        let mut alone = Halves::new(Stop::Steps(500), false);
+        assert!(!alone.begin_second(400, 0.8) && !alone.end_first(400, 0.8));
+
+        let mut halves = Halves::new(Stop::Steps(200), true);
+        assert_eq!(halves.within(50, 0.25), (50, 0.5));
+        assert!(!halves.begin_second(99, 0.495) && halves.begin_second(100, 0.5));
+        assert!(!halves.begin_second(101, 0.505), "it begins once");
+        assert_eq!((halves.within(100, 0.5), halves.within(150, 0.75)), ((0, 0.0), (50, 0.5)));
+        assert!(!halves.end_first(150, 0.75));
+
+        let mut early = Halves::new(Stop::Steps(1000), true);
+        assert!(early.end_first(200, 0.2) && early.begin_second(201, 0.25));
+        assert_eq!(early.within(401, 0.5), (200, 1.0 / 3.0));
+
+        let mut timed = Halves::new(Stop::Seconds(10.0), true);
+        assert_eq!(timed.within(0, 0.0), (0, 0.0));
+        assert!(!timed.begin_second(40, 0.5), "80 steps fit into the time");
+        assert!(timed.begin_second(60, 0.5));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What refinement is for.
 
-use crate::scenes::{cameras, disturbed, photographs, wall};
+use crate::scenes::{Random, cameras, disturbed, photographs, wall};
 use glam::{DMat3, DVec3};
 use gs_raster::Rasterizer;
 use gs_scene::{Camera, Gaussians, Image, Intrinsics, View};
@@ -66,10 +66,34 @@ fn a_scene_that_is_right_stays_and_stops_early() {
     let views = photographs(&truth, &cameras(3, (48, 32), 1.0));
     let refined = run(&truth, &views, &Config { stop: Stop::Steps(500), ..Config::default() });
     assert_eq!(refined.report.stopped, Some(Stopped::NothingGained));
-    assert_eq!(refined.report.steps.len(), 60, "forty rounds of three views, two a step");
+    let halves = 60 + 120;
+    assert_eq!(refined.report.steps.len(), halves, "forty rounds of three views, then of six, two a step");
     assert!(quality(&refined.gaussians, &views) > 60.0);
     let never = Config { stop: Stop::Steps(80), smallest_gain: 0.0, ..Config::default() };
     assert_eq!(run(&truth, &views, &never).report.steps.len(), 80);
+}
+
+/// Photographs with noise, which many steps explain by geometry.
+#[test]
+fn a_long_refinement_keeps_what_it_knew_between_the_photographs() {
+    let truth = wall(16, 1.0);
+    let all = photographs(&truth, &cameras(7, (64, 48), 1.0));
+    let mut context = [all[0].clone(), all[3].clone(), all[6].clone()];
+    let mut random = Random(5);
+    for view in &mut context {
+        view.image_mut().data_mut().iter_mut().for_each(|v| *v += random.between(-0.15, 0.15));
+    }
+    let held_out = [all[1].clone(), all[2].clone(), all[4].clone(), all[5].clone()];
+    let off = disturbed(&truth, 1.0);
+    let after = |steps: usize, between: bool| {
+        let stop = Stop::Steps(steps);
+        let refined = run(&off, &context, &Config { stop, between, smallest_gain: 0.0, ..Config::default() });
+        assert_eq!(refined.report.steps.len(), steps);
+        refined.gaussians
+    };
+    assert_eq!(after(119, true), after(119, false), "short ones are by photographs alone");
+    let [with, without] = [true, false].map(|between| quality(&after(240, between), &held_out));
+    assert!(with > without + 1.0, "{with} dB, {without} dB by photographs alone");
 }
 
 #[test]
