@@ -4,11 +4,10 @@
 //! them worse. There the renderings before the first step and after many have errors of different kinds, and their mean has less of both. The
 //! second half of the steps compares the scene with that mean, beside the photographs.
 
-use gs_raster::{Rasterizer, RenderSettings, near_plane};
-use gs_scene::{Camera, Gaussians, Image, View};
-
 use crate::Result;
 use glam::{DMat3, DQuat};
+use gs_raster::{Rasterizer, RenderSettings, near_plane};
+use gs_scene::{Camera, Gaussians, Image, View};
 
 /// How far a camera between two stands from the first, as a share of their distance. Two that are each other's nearest get two cameras.
 const SHARE: f64 = 0.4;

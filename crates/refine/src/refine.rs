@@ -62,9 +62,9 @@ pub fn refine(
     let begin = Instant::now();
     let half = if config.coarse > 0.0 { half_size(views) } else { None };
     // Where cameras move, the scene at the start was made for other ones.
-    let cameras =
+    let in_between =
         if config.between && config.rates.pose == 0.0 { between::cameras(views) } else { Vec::new() };
-    let at_start = (!cameras.is_empty()).then(|| gaussians.clone());
+    let at_start = (!in_between.is_empty()).then(|| gaussians.clone());
     let between = OnceCell::new();
     let mut work = Work::new(gaussians, views, half.as_deref(), config, rasterizer)?;
     work.spent = begin.elapsed();
@@ -86,7 +86,7 @@ pub fn refine(
             && work.at_full_size()
             && halves.begin_second(report.steps.len(), progress)
         {
-            let pictures = between::views(&cameras, [at_start, &work.gaussians], rasterizer)?;
+            let pictures = between::views(&in_between, [at_start, &work.gaussians], rasterizer)?;
             let between = between.get_or_init(|| pictures);
             let all: Vec<&View> = views.iter().chain(between).collect();
             turns = Turns::new(all.len(), config.seed);
@@ -96,7 +96,7 @@ pub fn refine(
         let at_once = config.views_per_step.min(views.len());
         let chosen: Vec<usize> = (0..at_once).map(|_| turns.next()).collect();
         let (step, way) = halves.within(report.steps.len(), progress);
-        let size = rise(step + 1, config.warm_up) * decay(way, config.last_rate);
+        let size = halves.size() * rise(step + 1, config.warm_up) * decay(way, config.last_rate);
         let loss = work.step(&chosen, size, rasterizer)?;
         report.undone += usize::from(loss.is_none());
         work.spent += begin.elapsed();

@@ -52,6 +52,9 @@ impl Stop {
 /// Fewest steps of a refinement that has two halves: shorter ones gain more by photographs alone.
 const LONG: f64 = 120.0;
 
+/// Factor of the step sizes in the second half: it begins with a scene that is nearly right.
+const SECOND: f32 = 0.6;
+
 /// The halves of a long refinement. A short one has no second.
 #[derive(Debug)]
 pub(crate) struct Halves {
@@ -92,6 +95,11 @@ impl Halves {
     pub(crate) fn end_first(&mut self, steps: usize, progress: f64) -> bool {
         self.first_is_over = self.second.is_none() && self.are_two(steps, progress);
         self.first_is_over
+    }
+
+    /// Factor of the step sizes in this half.
+    pub(crate) fn size(&self) -> f32 {
+        if self.second.is_some() { SECOND } else { 1.0 }
     }
 
     /// Steps done in this half, and its progress.
@@ -144,11 +152,11 @@ mod tests {
         assert!(!alone.begin_second(400, 0.8) && !alone.end_first(400, 0.8));
 
         let mut halves = Halves::new(Stop::Steps(200), true);
-        assert_eq!(halves.within(50, 0.25), (50, 0.5));
+        assert_eq!((halves.within(50, 0.25), halves.size()), ((50, 0.5), 1.0));
         assert!(!halves.begin_second(99, 0.495) && halves.begin_second(100, 0.5));
         assert!(!halves.begin_second(101, 0.505), "it begins once");
         assert_eq!((halves.within(100, 0.5), halves.within(150, 0.75)), ((0, 0.0), (50, 0.5)));
-        assert!(!halves.end_first(150, 0.75));
+        assert!(!halves.end_first(150, 0.75) && halves.size() < 1.0);
 
         let mut early = Halves::new(Stop::Steps(1000), true);
         assert!(early.end_first(200, 0.2) && early.begin_second(201, 0.25));
