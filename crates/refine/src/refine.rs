@@ -92,6 +92,7 @@ pub fn refine(
             turns = Turns::new(all.len(), config.seed);
             rounds = Rounds::of(all.len());
             work.begin_anew(all);
+            report.between_from = Some(report.steps.len() + 1);
         }
         let at_once = config.views_per_step.min(views.len());
         let chosen: Vec<usize> = (0..at_once).map(|_| turns.next()).collect();

@@ -13,6 +13,9 @@ pub struct Report {
     pub psnr_start: f64,
     /// Steps with a loss or a derivative that was not finite: they changed nothing.
     pub undone: usize,
+    /// First step that may compare views between the photographs as well ([`Config::between`](crate::Config::between)), counted from 1; none in
+    /// a short refinement.
+    pub between_from: Option<usize>,
     /// Why it ended.
     pub stopped: Option<Stopped>,
     /// Gain and bias of each view; empty if they were not fitted.

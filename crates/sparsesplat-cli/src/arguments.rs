@@ -90,7 +90,7 @@ pub(crate) struct Pipeline {
     /// Neighbours of each anchor
     #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20, hide_short_help = true)]
     pub(crate) neighbours: usize,
-    /// Gradient steps on the photographs after the pass (60 are a good start; 120 to 240 gain more)
+    /// Gradient steps on the photographs after the pass (try 60, then 240)
     #[arg(
         long,
         value_name = "STEPS",

@@ -86,11 +86,46 @@ fn a_step_that_is_not_finite_is_undone_and_counted() {
     let views = photographs(&scene, &cameras(2, (32, 24), 1.0));
     let mut bright = scene.clone();
     bright.buffers_mut().1[0] = 1e30;
-    let config = Config { stop: Stop::Steps(6), prune: false, smallest_gain: 0.0, ..Config::default() };
-    let refined = run(bright.clone(), &views, &config).unwrap();
-    assert_eq!((refined.report.undone, refined.report.steps.len()), (6, 6));
-    assert!(refined.report.steps.iter().all(|step| step.loss.is_none()));
-    assert_eq!(refined.gaussians, bright);
+    // The second is long: what the scene shows between the photographs is as bright.
+    for steps in [6, 120] {
+        let stop = Stop::Steps(steps);
+        let config = Config { stop, prune: false, smallest_gain: 0.0, ..Config::default() };
+        let refined = run(bright.clone(), &views, &config).unwrap();
+        assert_eq!((refined.report.undone, refined.report.steps.len()), (steps, steps));
+        assert!(refined.report.steps.iter().all(|step| step.loss.is_none()));
+        assert_eq!(refined.gaussians, bright);
+    }
+}
+
+#[test]
+fn long_refinements_of_hard_scenes_and_cameras_end_with_finite_scenes() {
+    let ahead = cameras(1, (40, 24), 1.0)[0];
+    let lens = *ahead.intrinsics();
+    // At one place, back to back, and 1e4 away.
+    let turned = |angle: f64, x: f64| {
+        let axes = glam::DMat3::from_rotation_y(angle);
+        Camera::from_camera_to_world(lens, axes, ahead.position() + DVec3::X * x).unwrap()
+    };
+    let stations = [ahead, ahead, turned(std::f64::consts::PI, 0.0), turned(0.1, 1e4)];
+    let truth = wall(6, 1.0);
+    let mut scene = truth.clone();
+    scene.buffers_mut().0[3 * 11] = f32::NAN;
+    scene.buffers_mut().1[7] = f32::INFINITY;
+    for count in 1..=stations.len() {
+        let views = photographs(&truth, &stations[..count]);
+        let config = Config { stop: Stop::Steps(120), smallest_gain: 0.0, ..Config::default() };
+        let refined = run(scene.clone(), &views, &config).unwrap();
+        assert_eq!((refined.report.steps.len(), refined.report.undone), (120, 0), "{count} views");
+        let Refined { gaussians, .. } = refined;
+        assert!(gaussians.geometry().iter().chain(gaussians.sh()).all(|value| value.is_finite()));
+        assert!(gaussians.len() >= 30, "{} are left of 36", gaussians.len());
+    }
+    let nothing = run(
+        Gaussians::empty(0).unwrap(),
+        &photographs(&truth, &stations),
+        &Config { stop: Stop::Steps(120), ..Config::default() },
+    );
+    assert!(nothing.unwrap().gaussians.is_empty());
 }
 
 #[test]

@@ -88,7 +88,8 @@ fn a_long_refinement_keeps_what_it_knew_between_the_photographs() {
     let after = |steps: usize, between: bool| {
         let stop = Stop::Steps(steps);
         let refined = run(&off, &context, &Config { stop, between, smallest_gain: 0.0, ..Config::default() });
-        assert_eq!(refined.report.steps.len(), steps);
+        let second_half = (between && steps >= 120).then_some(steps / 2 + 1);
+        assert_eq!((refined.report.steps.len(), refined.report.between_from), (steps, second_half));
         refined.gaussians
     };
     assert_eq!(after(119, true), after(119, false), "short ones are by photographs alone");
@@ -256,18 +257,21 @@ fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
     let truth = wall(12, 1.0);
     let views = photographs(&truth, &cameras(3, (48, 32), 1.0));
     let off = disturbed(&truth, 1.0);
-    let config = Config {
-        stop: Stop::Steps(8),
-        loss: Loss { dssim: 0.2, ..Loss::default() },
-        sh_degree: 1,
-        ..Config::default()
-    };
-    let on = |threads: usize, seed: u64| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| run(&off, &views, &Config { seed, ..config }).gaussians)
-    };
-    let one = on(1, 0);
-    assert_eq!(one.sh_degree(), 1);
-    assert!(one == on(2, 0) && one == on(7, 0));
-    assert!(one != on(2, 1), "another seed, another order of the views");
+    // The second is long: it has views between the photographs.
+    for steps in [8, 120] {
+        let config = Config {
+            stop: Stop::Steps(steps),
+            loss: Loss { dssim: 0.2, ..Loss::default() },
+            sh_degree: 1,
+            ..Config::default()
+        };
+        let on = |threads: usize, seed: u64| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| run(&off, &views, &Config { seed, ..config }).gaussians)
+        };
+        let one = on(1, 0);
+        assert_eq!(one.sh_degree(), 1);
+        assert!(one == on(2, 0) && one == on(7, 0), "{steps} steps");
+        assert!(one != on(2, 1), "another seed, another order of the views");
+    }
 }
