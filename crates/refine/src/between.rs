@@ -14,8 +14,8 @@ const SHARE: f64 = 0.4;
 /// Name of such a view.
 const NAME: &str = "between photographs";
 
-/// For each view a camera with its lens, on the way to its nearest neighbour that looks the same way, within 90 degrees; none for a view that has
-/// no such neighbour.
+/// For each view a camera with its lens, on the way to its nearest neighbour at another place that looks the same way, within 90 degrees; none for
+/// a view that has no such neighbour.
 pub(crate) fn cameras(views: &[View]) -> Vec<Camera> {
     let between = |(index, view): (usize, &View)| {
         let from = view.camera();
@@ -23,7 +23,8 @@ pub(crate) fn cameras(views: &[View]) -> Vec<Camera> {
         let others =
             views.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, view)| view.camera());
         let to = others
-            .filter(|to| to.forward().dot(from.forward()) > 0.0)
+            // A camera at the place of a photograph would only say something else than that.
+            .filter(|to| distance(to) > 0.0 && to.forward().dot(from.forward()) > 0.0)
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         let turn = |camera: &Camera| DQuat::from_mat3(&camera.rotation().transpose());
         let axes = DMat3::from_quat(turn(from).slerp(turn(to), SHARE));
@@ -99,8 +100,15 @@ mod tests {
         // The second looks 45 degrees to the side.
         let angle = cameras(&views)[0].forward().dot(DVec3::Z).acos().to_degrees();
         assert!((angle - 18.0).abs() < 1e-6, "{angle}");
-        let same = [view(DVec3::ZERO, DVec3::Z, 20.0), view(DVec3::ZERO, DVec3::Z, 20.0)];
-        assert_eq!(cameras(&same)[0].position(), DVec3::ZERO);
+    }
+
+    #[test]
+    fn photographs_from_one_place_have_nothing_between_them() {
+        let here = || view(DVec3::ZERO, DVec3::Z, 20.0);
+        assert!(cameras(&[here(), here(), view(DVec3::ZERO, DVec3::new(0.2, 0.0, 1.0), 20.0)]).is_empty());
+        let with_one_apart = [here(), here(), view(DVec3::X, DVec3::new(1.0, 0.0, 1.0), 20.0)];
+        let positions: Vec<f64> = cameras(&with_one_apart).iter().map(|camera| camera.position().x).collect();
+        assert_eq!(positions, [0.4, 0.4, 0.6]);
     }
 
     #[test]

@@ -62,8 +62,8 @@ pub fn refine(
     let begin = Instant::now();
     let half = if config.coarse > 0.0 { half_size(views) } else { None };
     // Where cameras move, the scene at the start was made for other ones.
-    let in_between =
-        if config.between && config.rates.pose == 0.0 { between::cameras(views) } else { Vec::new() };
+    let with_between = config.between && config.rates.pose == 0.0 && config.stop.may_be_long();
+    let in_between = if with_between { between::cameras(views) } else { Vec::new() };
     let at_start = (!in_between.is_empty()).then(|| gaussians.clone());
     let between = OnceCell::new();
     let mut work = Work::new(gaussians, views, half.as_deref(), config, rasterizer)?;

@@ -38,6 +38,14 @@ fn mix(z: u64) -> u64 {
 }
 
 impl Stop {
+    /// Whether a refinement may come to have two halves; with a limit in seconds only its speed tells.
+    pub(crate) fn may_be_long(self) -> bool {
+        match self {
+            Self::Steps(all) => all as f64 >= LONG,
+            Self::Seconds(_) => true,
+        }
+    }
+
     /// How much of the way is behind, 0 to 1, after `steps` steps and `spent` time.
     pub(crate) fn progress(self, steps: usize, spent: Duration) -> f64 {
         let share = match self {
@@ -148,6 +156,7 @@ mod tests {
         let mut short = Halves::new(Stop::Steps(119), true);
         assert!(!short.begin_second(80, 80.0 / 119.0) && !short.end_first(80, 0.7));
         assert_eq!(short.within(60, 0.25), (60, 0.25));
+        assert!(!Stop::Steps(119).may_be_long() && Stop::Steps(120).may_be_long());
         let mut alone = Halves::new(Stop::Steps(500), false);
         assert!(!alone.begin_second(400, 0.8) && !alone.end_first(400, 0.8));
 
