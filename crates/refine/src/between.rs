@@ -1,8 +1,8 @@
 //! Views between the photographs, for the second half of a long refinement.
 //!
 //! Six photographs do not show all of the geometry, so many steps explain them wrongly: context views get better to the end, the views between
-//! them worse. There the renderings before the first step and after many have errors of different kinds, and their mean has less of both. The
-//! second half of the steps compares the scene with that mean, beside the photographs.
+//! them worse. The second half of the steps therefore also compares the scene, between the photographs, with the mean of what it showed there
+//! before the first step and shows at half of the way. This holds it back there, while it goes on to follow the photographs.
 
 use crate::Result;
 use glam::{DMat3, DQuat};
