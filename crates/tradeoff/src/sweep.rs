@@ -191,7 +191,7 @@ impl Extent {
     fn refinement(self) -> &'static [usize] {
         match self {
             Self::Quick => &[10],
-            Self::Full => &[15, 60],
+            Self::Full => &[15, 60, 240],
             Self::Paper => &[],
         }
     }
