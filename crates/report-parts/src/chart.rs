@@ -10,7 +10,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 pub const SIZE: (u32, u32) = (960, 460);
 /// Width of the legend beside a chart, pixels.
 const LEGEND: u32 = 216;
-/// Colours that are told apart by people who do not see red and green (Okabe & Ito).
+/// Colours of series that are told apart by people who do not see red and green (Okabe & Ito, and a violet).
 pub const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -18,9 +18,11 @@ pub const COLOURS: [RGBColor; 8] = [
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
-    RGBColor(90, 90, 90),
+    RGBColor(73, 0, 146),
     RGBColor(240, 228, 66),
 ];
+/// Colour of what belongs to no series.
+pub const NEUTRAL: RGBColor = RGBColor(90, 90, 90);
 
 /// A chart on SVG.
 pub type Chart<'a, 'b, X, Y> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;

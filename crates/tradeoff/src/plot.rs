@@ -8,8 +8,8 @@ use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use report_parts::chart::{
-    Area, COLOURS, Chart, Counts, Drawn, Names, SIZE, Seconds, axes, beside, chart_on, legend, line, marks,
-    range, style, svg,
+    Area, COLOURS, Chart, Counts, Drawn, NEUTRAL, Names, SIZE, Seconds, axes, beside, chart_on, legend, line,
+    marks, range, style, svg,
 };
 use report_parts::labels::place;
 use sparsesplat::Stage;
@@ -137,13 +137,12 @@ where
     let (columns, rows) = chart.plotting_area().get_pixel_range();
     let places = place(&names, &lines, [columns.start, rows.start, columns.end, rows.end]);
     for (row, place) in others.into_iter().zip(places) {
-        marks(chart, &[position(row)], style(COLOURS[6], 1), 3)?;
-        let font = ("sans-serif", 12).into_font().color(&COLOURS[6]).pos(Pos::new(HPos::Left, VPos::Top));
+        marks(chart, &[position(row)], style(NEUTRAL, 1), 3)?;
+        let font = ("sans-serif", 12).into_font().color(&NEUTRAL).pos(Pos::new(HPos::Left, VPos::Top));
         let text = EmptyElement::at(position(row)) + Text::new(row.label.point.clone(), place.corner, font);
         chart.draw_series(std::iter::once(text))?;
         if let Some(end) = place.leader {
-            let leader =
-                EmptyElement::at(position(row)) + PathElement::new([(0, 0), end], style(COLOURS[6], 1));
+            let leader = EmptyElement::at(position(row)) + PathElement::new([(0, 0), end], style(NEUTRAL, 1));
             chart.draw_series(std::iter::once(leader))?;
         }
     }
@@ -162,10 +161,10 @@ fn over_gaussians(area: &Area<'_>, summary: &Summary) -> Drawn {
     if let Some(aligned) = summary.pixel_aligned().filter(|row| row.psnr_held_out.is_finite()) {
         let (low, high) = (rows().map(count).fold(f64::INFINITY, f64::min), aligned.gaussians);
         let level = [(low, aligned.psnr_held_out), (high, aligned.psnr_held_out)];
-        let dashes = DashedPathElement::new(level, 6, 5, style(COLOURS[6], 1));
+        let dashes = DashedPathElement::new(level, 6, 5, style(NEUTRAL, 1));
         chart.draw_series(std::iter::once(dashes))?;
-        names.push(("pixel-aligned".to_owned(), style(COLOURS[6], 1)));
-        marks(&mut chart, &level[1..], style(COLOURS[6], 1), 5)?;
+        names.push(("pixel-aligned".to_owned(), style(NEUTRAL, 1)));
+        marks(&mut chart, &level[1..], style(NEUTRAL, 1), 5)?;
     }
     // Of what is drawn: refined points, which would beat most of it, are not.
     let drawn: Vec<(f64, f64)> = rows().map(|row| (count(row), row.psnr_held_out)).collect();
@@ -188,7 +187,7 @@ fn frames(area: &Area<'_>, summary: &Summary) -> Drawn {
     }
     if let Some(aligned) = summary.pixel_aligned() {
         let point = [(aligned.gaussians, rate(aligned))];
-        line(&mut chart, &mut names, "pixel-aligned", &point, style(COLOURS[6], 1), 5)?;
+        line(&mut chart, &mut names, "pixel-aligned", &point, style(NEUTRAL, 1), 5)?;
     }
     legend(&side, &names)
 }

@@ -2,7 +2,7 @@
 
 use super::measure::Row;
 use report_parts::chart::{
-    COLOURS, Names, SIZE, axes, beside, chart_on, legend, line, marks, range, style, svg,
+    COLOURS, NEUTRAL, Names, SIZE, axes, beside, chart_on, legend, line, marks, range, style, svg,
 };
 
 /// The plot as SVG: above Gaussians and memory as shares of their limits, below seconds per frame.
@@ -33,7 +33,7 @@ pub(super) fn plot(rows: &[Row], cap: usize) -> String {
         axes(&mut chart, "frame", "seconds")?;
         let mut names = Names::new();
         for (name, points, colour) in
-            [("keyframes", &keyframes, COLOURS[2]), ("other frames", &others, COLOURS[6])]
+            [("keyframes", &keyframes, COLOURS[2]), ("other frames", &others, NEUTRAL)]
         {
             marks(&mut chart, points, style(colour, 1), 2)?;
             names.push((name.to_owned(), style(colour, 2)));
