@@ -258,6 +258,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn no_two_series_look_alike_and_none_like_what_belongs_to_no_series() {
+        let all = [&COLOURS[..], &[NEUTRAL]].concat();
+        let distance = |a: RGBColor, b: RGBColor| {
+            [(a.0, b.0), (a.1, b.1), (a.2, b.2)]
+                .into_iter()
+                .map(|(a, b)| i32::from(a.abs_diff(b)))
+                .sum::<i32>()
+        };
+        for (i, a) in all.iter().enumerate() {
+            assert!(all[..i].iter().all(|b| distance(*a, *b) > 60), "{a:?}");
+        }
+    }
+
+    #[test]
     fn one_slow_point_does_not_press_the_others_into_a_corner() {
         let quick = [1.0, 1.5, 2.0, 2.5, 3.0];
         let apart = |axis: &Seconds| axis.map(&3.0, (0, 600)) - axis.map(&1.0, (0, 600));
