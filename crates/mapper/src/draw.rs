@@ -51,6 +51,8 @@ pub(crate) fn draw(
     let pass = sparsesplat::Config {
         backbone: Backbone::GivenDepth,
         budget: Budget::Gaussians(count),
+        // Not measured on streams.
+        smooth_weight: 1.0,
         head: Head::ClosedForm,
         looks: 1,
         far_shell: false,

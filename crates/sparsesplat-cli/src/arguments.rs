@@ -67,6 +67,9 @@ pub(crate) struct Pipeline {
     /// Factor, 0 to 1, of the probability of pixels whose depth no other view confirms; with 1 it is the paper's
     #[arg(long, value_name = "WEIGHT", value_parser = weight, default_value_t = Config::default().filled_weight, hide_short_help = true)]
     pub(crate) filled_weight: f32,
+    /// Factor, 0 to 1, of the probability of pixels about which the picture is smooth; with 1 it is the paper's
+    #[arg(long, value_name = "WEIGHT", value_parser = weight, default_value_t = Config::default().smooth_weight, hide_short_help = true)]
+    pub(crate) smooth_weight: f32,
     /// Join surfaces that several views see: one depth for all of them, and as many Gaussians as if one saw them
     #[arg(long, value_name = "on|off", value_parser = on_off, default_value = "off", action = clap::ArgAction::Set, hide_short_help = true)]
     pub(crate) fuse: bool,
@@ -262,6 +265,9 @@ impl Pipeline {
                 "this --allocation draws no pixels; --gaussians COUNT says how many Gaussians are left",
             )?,
         }
+        if self.allocation != AllocationName::Entropy {
+            given.refuse(&["smooth-weight"], "it lowers the probabilities of --allocation entropy")?;
+        }
         if self.source.backbone == BackboneName::GivenDepth && matches!(self.depth_range, Range::Known(..)) {
             given.refuse(&["depth-range"], "--backbone given-depth takes the range of the measured depth")?;
         }
@@ -291,6 +297,7 @@ impl Pipeline {
                 SamplerName::Systematic => Sampler::Systematic,
             },
             filled_weight: self.filled_weight,
+            smooth_weight: self.smooth_weight,
             fuse: self.fuse,
             budget: self.tau.map_or(Budget::Gaussians(self.gaussians), Budget::Tau),
             neighbours: self.neighbours,

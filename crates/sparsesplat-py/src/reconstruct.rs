@@ -71,7 +71,7 @@ enum Source {
 #[pyfunction]
 #[pyo3(signature = (
     source, gaussians = 40_000, *, tau = None, views = 6, size = None, format = None, backbone = "plane-sweep",
-    depth_planes = None, depth_range = None, allocation = "entropy", sampler = "fixed", filled_weight = None, fuse = false, head = "default",
+    depth_planes = None, depth_range = None, allocation = "entropy", sampler = "fixed", filled_weight = None, smooth_weight = None, fuse = false, head = "default",
     weights = None, looks = None, far_shell = true, exposure = "as-photographed", neighbours = 20, refine = 0, seed = 0, device = "auto", progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "those of the command, by name")]
@@ -89,6 +89,7 @@ pub(crate) fn reconstruct(
     allocation: &str,
     sampler: &str,
     filled_weight: Option<f32>,
+    smooth_weight: Option<f32>,
     fuse: bool,
     head: &str,
     weights: Option<PathBuf>,
@@ -110,6 +111,7 @@ pub(crate) fn reconstruct(
         allocation: one_of("allocation", allocation)?,
         sampler: one_of("sampler", sampler)?,
         filled_weight: filled_weight.unwrap_or(Config::default().filled_weight),
+        smooth_weight: smooth_weight.unwrap_or(Config::default().smooth_weight),
         fuse,
         budget: tau.map_or(Budget::Gaussians(gaussians), Budget::Tau),
         neighbours,

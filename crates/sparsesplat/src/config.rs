@@ -18,6 +18,10 @@ pub struct Config {
     /// Factor, 0 to 1, of the probability of pixels whose depth the stereo filled in from neighbours, because no other view confirms it: a Gaussian
     /// counts for less where its place is a guess. With 1 the probability is the paper's. Other backbones fill nothing in.
     pub filled_weight: f32,
+    /// Factor, 0 to 1, of the probability of pixels about which the picture is smooth: where its Laplacian is 0, and less of it the larger that is, up to
+    /// a quarter of the range of grey. The 7x7 window of the entropy does not tell a pixel on an edge from one three pixels beside it. With 1 the probability is
+    /// the paper's. Of use to [`Allocation::Entropy`] alone.
+    pub smooth_weight: f32,
     /// Whether surfaces that several views see are joined before pixels are drawn: their depths become the mean along each ray, weighted by
     /// confidence, and a pixel's probability is divided by the number of views that see its surface ([`Geometry::fused`](crate::Geometry::fused)).
     pub fuse: bool,
@@ -47,6 +51,7 @@ impl Default for Config {
             allocation: Allocation::Entropy,
             sampler: Sampler::Fixed,
             filled_weight: 0.5,
+            smooth_weight: 0.1,
             fuse: false,
             budget: Budget::Gaussians(40_000),
             neighbours: 20,
@@ -65,13 +70,15 @@ impl Config {
         match (self.budget, self.allocation) {
             (Budget::Gaussians(0), _) => return Err(Error::EmptyBudget),
             _ if self.looks == 0 => return Err(Error::NoLook),
-            _ if !(0.0..=1.0).contains(&self.filled_weight) => {
-                return Err(Error::FilledWeight { found: self.filled_weight });
-            }
             (Budget::Tau(tau), Allocation::Merged | Allocation::VoxelAligned) => {
                 return Err(Error::NothingDrawn { tau });
             }
             _ => {}
+        }
+        for (pixels, found) in [("filled-in", self.filled_weight), ("smooth", self.smooth_weight)] {
+            if !(0.0..=1.0).contains(&found) {
+                return Err(Error::PixelWeight { pixels, found });
+            }
         }
         if self.head == Head::Attention && !matches!(self.backbone, Backbone::PlaneSweep { .. }) {
             return Err(Error::AttentionBackbone);

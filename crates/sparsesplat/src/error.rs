@@ -53,8 +53,10 @@ pub enum Error {
     #[error("the number of looks is 0, expected at least 1: one look is the head alone")]
     NoLook,
     /// A factor of a probability that is none.
-    #[error("the weight of filled-in pixels is {found}, expected 0 to 1")]
-    FilledWeight {
+    #[error("the weight of {pixels} pixels is {found}, expected 0 to 1")]
+    PixelWeight {
+        /// Which pixels it is of.
+        pixels: &'static str,
         /// What was given.
         found: f32,
     },

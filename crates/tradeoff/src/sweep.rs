@@ -298,6 +298,10 @@ pub fn points(
     if stereo {
         all.vary(Axis::Sampler, &format!("filled-weight={weight}"), |config| config.filled_weight = weight);
     }
+    if config.allocation == Allocation::Entropy {
+        let weight = if config.smooth_weight == 1.0 { Config::default().smooth_weight } else { 1.0 };
+        all.vary(Axis::Sampler, &format!("smooth-weight={weight}"), |config| config.smooth_weight = weight);
+    }
     if base.refine.is_none() {
         for &steps in extent.refinement() {
             all.add(Axis::Refinement, &format!("refine-{steps}"), |point| {

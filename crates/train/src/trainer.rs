@@ -413,6 +413,8 @@ impl Trainer {
             allocation: self.config.allocation,
             budget: Budget::Gaussians(((pixels as f64 * density) as usize).max(1)),
             sampler: self.config.sampler,
+            // Ablations compare the paper's rules.
+            smooth_weight: 1.0,
             neighbours: self.config.neighbours,
             seed,
             ..sparsesplat::Config::default()

@@ -68,6 +68,41 @@ fn pixels_that_stereo_filled_in_are_drawn_less_often() {
 }
 
 #[test]
+fn smooth_pixels_are_drawn_less_often() {
+    // A square on a ramp, which has an entropy and no Laplacian: of a pixel and its neighbour across the edge one has 40 grey levels more.
+    let mut view = COURTYARD.0[0].clone();
+    let (width, height) = (view.image().width(), view.image().height());
+    let square = |x: usize, y: usize| x.abs_diff(width / 2) < 8 && y.abs_diff(height / 2) < 8;
+    let grey = |x: usize, y: usize| (x + if square(x, y) { 40 } else { 0 }) as f32 / 255.0;
+    for (pixel, rgb) in view.image_mut().data_mut().chunks_exact_mut(3).enumerate() {
+        rgb.fill(grey(pixel % width, pixel / width));
+    }
+    let views = [view];
+    let drawn = |smooth_weight: f32| {
+        let sampler = Sampler::Systematic;
+        let config = Config { sampler, smooth_weight, far_shell: false, ..given_depth(1) };
+        // At so large a tau every pixel that has an entropy has the probability of its weight.
+        run(&views, &Config { budget: Budget::Tau(1e6), ..config }).counts.total as f64
+    };
+    let all = drawn(1.0);
+    // Along the edge the Laplacian is 40 on both sides, at a corner within the square 80, and where the ramp is mirrored, left and right, 2.
+    let (edge, corners, mirrored) = (52.0 + 60.0, 4.0, 2.0 * height as f64);
+    let weight = |laplacian: f64, smooth: f64| smooth + (1.0 - smooth) * f64::min(laplacian / 64.0, 1.0);
+    for smooth in [0.0, 0.1, 0.5] {
+        let rest = all - edge - corners - mirrored;
+        let detailed = edge * weight(40.0, smooth) + corners * weight(80.0, smooth);
+        let expected = rest * smooth + detailed + mirrored * weight(2.0, smooth);
+        let found = drawn(smooth as f32);
+        assert!((found - expected).abs() < 3.0, "{smooth}: {found}, expected {expected}");
+    }
+    // The rule belongs to the entropy.
+    let random = |smooth_weight| {
+        run(&views, &Config { allocation: Allocation::Random, smooth_weight, ..given_depth(500) }).gaussians
+    };
+    assert!(random(0.0) == random(1.0));
+}
+
+#[test]
 fn a_fused_surface_has_as_many_gaussians_as_if_one_view_saw_it() {
     let views = &COURTYARD.0[..3];
     let (allocation, sampler) = (Allocation::Random, Sampler::Systematic);

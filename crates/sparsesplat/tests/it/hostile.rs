@@ -44,9 +44,12 @@ fn a_budget_of_nothing() {
     for tau in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         check_error(&COURTYARD.0, &Config { budget: Budget::Tau(tau), ..given_depth(1) }, is_sampling);
     }
-    for filled_weight in [f32::NAN, -0.1, 1.1] {
-        check_error(&COURTYARD.0, &Config { filled_weight, ..plane_sweep(1) }, |e| {
-            matches!(e, Error::FilledWeight { .. })
+    for weight in [f32::NAN, -0.1, 1.1] {
+        check_error(&COURTYARD.0, &Config { filled_weight: weight, ..plane_sweep(1) }, |e| {
+            matches!(e, Error::PixelWeight { pixels: "filled-in", .. })
+        });
+        check_error(&COURTYARD.0, &Config { smooth_weight: weight, ..plane_sweep(1) }, |e| {
+            matches!(e, Error::PixelWeight { pixels: "smooth", .. })
         });
     }
     for allocation in [Allocation::Merged, Allocation::VoxelAligned] {
