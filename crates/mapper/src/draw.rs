@@ -51,7 +51,7 @@ pub(crate) fn draw(
     let pass = sparsesplat::Config {
         backbone: Backbone::GivenDepth,
         budget: Budget::Gaussians(count),
-        // Not measured on streams.
+        // `expected` counts by the entropy alone.
         smooth_weight: 1.0,
         head: Head::ClosedForm,
         looks: 1,

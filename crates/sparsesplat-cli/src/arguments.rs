@@ -55,7 +55,7 @@ pub(crate) struct Pipeline {
     /// Number of Gaussians, far shell included: 40000, 40k or 1.5M
     #[arg(long, value_name = "COUNT", value_parser = gaussians, default_value = "40k", conflicts_with = "tau")]
     pub(crate) gaussians: usize,
-    /// Sampling parameter instead of a count: probability per pixel = tau x entropy / 8 bits; the far shell comes on top
+    /// Sampling parameter instead of a count: probability per pixel = tau x entropy / 8 bits, times --smooth-weight and --filled-weight; the far shell comes on top
     #[arg(long, value_parser = tau, allow_hyphen_values = true, hide_short_help = true)]
     pub(crate) tau: Option<f64>,
     /// Choice of the pixels that become Gaussians
@@ -64,10 +64,10 @@ pub(crate) struct Pipeline {
     /// Drawing of pixels: fixed gives the exact count, bernoulli (the paper's) varies around it
     #[arg(long, value_enum, default_value = "fixed", hide_short_help = true)]
     pub(crate) sampler: SamplerName,
-    /// Factor, 0 to 1, of the probability of pixels whose depth no other view confirms; with 1 it is the paper's
+    /// Factor on the probability of pixels whose depth no other view confirms, 0 to 1; the paper has none, which is 1
     #[arg(long, value_name = "WEIGHT", value_parser = weight, default_value_t = Config::default().filled_weight, hide_short_help = true)]
     pub(crate) filled_weight: f32,
-    /// Factor, 0 to 1, of the probability of pixels about which the picture is smooth; with 1 it is the paper's
+    /// Factor on the entropy of pixels where the picture is smooth, 0 to 1; the paper has none, which is 1
     #[arg(long, value_name = "WEIGHT", value_parser = weight, default_value_t = Config::default().smooth_weight, hide_short_help = true)]
     pub(crate) smooth_weight: f32,
     /// Join surfaces that several views see: one depth for all of them, and as many Gaussians as if one saw them

@@ -164,17 +164,25 @@ fn usable(geometry: &ViewGeometry) -> impl Iterator<Item = bool> {
     (0..geometry.confidence.len()).map(|pixel| shell::surface(geometry, pixel).is_some())
 }
 
-/// |Laplacian| of grey levels from which on a pixel is no smooth one. From 32 to 255 it makes no difference of more than 0.06 dB
+/// |Laplacian|, in grey levels, from which a pixel counts as detailed. Twice and four times as much lose 0.02 and 0.05 dB
 /// (docs/journal/2026-11-sampling.md).
 const DETAILED: f32 = 64.0;
 
-/// How far each pixel of a view is from smooth, 0 to 1.
-fn detail(view: &View) -> Result<Vec<f32>> {
-    let (width, height) = (view.image().width(), view.image().height());
-    let map = ImportanceMap::laplacian(&view.image().luma8(), width, height)?;
-    // The map's 1 is the largest that there is.
-    let scale = 4.0 * 255.0 / DETAILED;
-    Ok(map.values().iter().map(|value| (scale * value).min(1.0)).collect())
+/// Entropy over its maximum, times `smooth_weight` where the picture is smooth; the factor rises to 1 with the Laplacian.
+fn entropy(grey: &[u8], (width, height): (usize, usize), smooth_weight: f32) -> Result<ImportanceMap> {
+    let entropy = ImportanceMap::entropy(grey, width, height, EntropyWindow::default())?;
+    if smooth_weight == 1.0 {
+        return Ok(entropy);
+    }
+    let laplacian = ImportanceMap::laplacian(grey, width, height)?;
+    // `laplacian` is divided by its maximum, 4 · 255.
+    let per_level = 4.0 * 255.0 / DETAILED;
+    let importance = |(entropy, laplacian): (&f32, &f32)| {
+        let detail = (per_level * laplacian).min(1.0);
+        entropy * (smooth_weight + (1.0 - smooth_weight) * detail).min(1.0)
+    };
+    let values = entropy.values().iter().zip(laplacian.values()).map(importance).collect();
+    Ok(ImportanceMap::new(width, height, values)?)
 }
 
 /// The chosen pixels of every view, and tau; `shell` Gaussians of the budget are spent already. Where surfaces were fused, a surface has the
@@ -189,7 +197,7 @@ fn sample(
         let (width, height) = (view.image().width(), view.image().height());
         let grey = view.image().luma8();
         Ok(match config.allocation {
-            Allocation::Entropy => ImportanceMap::entropy(&grey, width, height, EntropyWindow::default())?,
+            Allocation::Entropy => entropy(&grey, (width, height), config.smooth_weight)?,
             Allocation::Laplacian => ImportanceMap::laplacian(&grey, width, height)?,
             _ => ImportanceMap::uniform(width, height)?,
         })
@@ -206,20 +214,11 @@ fn sample(
     };
     let weigh = |index: usize| -> Result<ImportanceMap> {
         let geometry = &geometry[index];
-        let detail = match config.allocation {
-            Allocation::Entropy if config.smooth_weight < 1.0 => Some(detail(&views[index])?),
-            _ => None,
-        };
-        let smooth = |pixel: usize| {
-            detail
-                .as_ref()
-                .map_or(1.0, |detail| config.smooth_weight + (1.0 - config.smooth_weight) * detail[pixel])
-        };
         let share = |pixel: usize| shared_by.get(index).map_or(1.0, |by| 1.0 / (1.0 + f32::from(by[pixel])));
         let weight = |(pixel, usable)| match (usable, geometry.is_confirmed(pixel)) {
             (false, _) => 0.0,
-            (true, true) => smooth(pixel) * share(pixel),
-            (true, false) => filled * smooth(pixel) * share(pixel),
+            (true, true) => share(pixel),
+            (true, false) => filled * share(pixel),
         };
         Ok(map(&views[index])?.with_weights(usable(geometry).enumerate().map(weight).collect())?)
     };

@@ -15,12 +15,12 @@ pub struct Config {
     pub allocation: Allocation,
     /// How pixels are drawn from the probability map.
     pub sampler: Sampler,
-    /// Factor, 0 to 1, of the probability of pixels whose depth the stereo filled in from neighbours, because no other view confirms it: a Gaussian
-    /// counts for less where its place is a guess. With 1 the probability is the paper's. Other backbones fill nothing in.
+    /// Factor, 0 to 1, on the probability of pixels whose depth the stereo filled in from neighbours, because no other view confirms it: a Gaussian
+    /// counts for less where its place is a guess. The paper has none, which is 1. Other backbones fill nothing in.
     pub filled_weight: f32,
-    /// Factor, 0 to 1, of the probability of pixels about which the picture is smooth: where its Laplacian is 0, and less of it the larger that is, up to
-    /// a quarter of the range of grey. The 7x7 window of the entropy does not tell a pixel on an edge from one three pixels beside it. With 1 the probability is
-    /// the paper's. Of use to [`Allocation::Entropy`] alone.
+    /// Factor, 0 to 1, on the entropy of pixels where the picture is smooth. It applies in full where the Laplacian of the grey levels is 0, and rises
+    /// linearly to 1 where its magnitude is 64 of 255. The entropy of a 7x7 window is nearly the same on an edge and three pixels beside it. The paper has
+    /// none, which is 1. Only for [`Allocation::Entropy`].
     pub smooth_weight: f32,
     /// Whether surfaces that several views see are joined before pixels are drawn: their depths become the mean along each ray, weighted by
     /// confidence, and a pixel's probability is divided by the number of views that see its surface ([`Geometry::fused`](crate::Geometry::fused)).
@@ -196,7 +196,7 @@ impl Exposure {
 pub enum Budget {
     /// Total count, far shell included; tau, the size of a voxel, or how much is merged, is solved for it.
     Gaussians(usize),
-    /// The paper's knob: P = clip(tau · E / log2 L, 0, 1); the far shell comes on top.
+    /// The paper's knob: P = clip(tau · E / log2 L, 0, 1), with the factors of the configuration; the far shell comes on top.
     Tau(f64),
 }
 

@@ -41,6 +41,19 @@ fn every_point_but_those_of_other_budgets_differs_from_the_base_in_one_setting()
 }
 
 #[test]
+fn the_factor_on_smooth_pixels_is_swept_where_it_applies() {
+    let weight = |config: Config| {
+        let all = swept(&Method::feed_forward(config), Extent::Full);
+        let point = all.into_iter().find(|point| point.label.point.starts_with("smooth-weight="))?;
+        Some((point.label.point, point.method.predict.smooth_weight))
+    };
+    assert_eq!(weight(Config::default()), Some(("smooth-weight=1".to_owned(), 1.0)));
+    let paper = Config { smooth_weight: 1.0, ..Config::default() };
+    assert_eq!(weight(paper), Some(("smooth-weight=0.1".to_owned(), 0.1)));
+    assert_eq!(weight(Config { allocation: Allocation::Laplacian, ..Config::default() }), None);
+}
+
+#[test]
 fn a_budget_of_ones_own_joins_the_others_and_what_is_there_is_not_added_twice() {
     let config = Config { budget: Budget::Gaussians(1_500), neighbours: 5, ..Config::default() };
     let refine = Some(refine::Config::default());

@@ -413,7 +413,7 @@ impl Trainer {
             allocation: self.config.allocation,
             budget: Budget::Gaussians(((pixels as f64 * density) as usize).max(1)),
             sampler: self.config.sampler,
-            // Ablations compare the paper's rules.
+            // The included heads were trained without this factor; training with it was not measured.
             smooth_weight: 1.0,
             neighbours: self.config.neighbours,
             seed,

@@ -78,6 +78,8 @@ impl Measure<'_> {
             neighbours: training.neighbours,
             allocation: training.allocation,
             sampler: training.sampler,
+            // As the rows were trained: rules are compared as the paper has them.
+            smooth_weight: 1.0,
             budget: Budget::Gaussians(self.arguments.gaussians),
             // Heads are compared, not what comes after them.
             looks: 1,

@@ -92,6 +92,7 @@ def reconstruct(
     allocation: Literal["entropy", "laplacian", "random", "pixel-aligned", "merged", "voxel-aligned"] = "entropy",
     sampler: Literal["fixed", "bernoulli", "systematic"] = "fixed",
     filled_weight: Optional[float] = None,
+    smooth_weight: Optional[float] = None,
     fuse: bool = False,
     head: Literal["default", "attention", "closed-form"] = "default",
     weights: Union[None, str, PathLike[str]] = None,

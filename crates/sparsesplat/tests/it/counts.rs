@@ -1,6 +1,6 @@
 use crate::{COURTYARD, check_prediction, given_depth, plane_sweep, positions, run};
 use glam::DVec3;
-use gs_scene::View;
+use gs_scene::{DepthMap, Image, View};
 use sparsesplat::{Allocation, Budget, Config, Prediction, Predictor, Sampler, Stage};
 
 /// The count is the budget, and the shell takes at most its share of it.
@@ -69,35 +69,39 @@ fn pixels_that_stereo_filled_in_are_drawn_less_often() {
 
 #[test]
 fn smooth_pixels_are_drawn_less_often() {
-    // A square on a ramp, which has an entropy and no Laplacian: of a pixel and its neighbour across the edge one has 40 grey levels more.
-    let mut view = COURTYARD.0[0].clone();
-    let (width, height) = (view.image().width(), view.image().height());
-    let square = |x: usize, y: usize| x.abs_diff(width / 2) < 8 && y.abs_diff(height / 2) < 8;
-    let grey = |x: usize, y: usize| (x + if square(x, y) { 40 } else { 0 }) as f32 / 255.0;
-    for (pixel, rgb) in view.image_mut().data_mut().chunks_exact_mut(3).enumerate() {
-        rgb.fill(grey(pixel % width, pixel / width));
-    }
-    let views = [view];
-    let drawn = |smooth_weight: f32| {
-        let sampler = Sampler::Systematic;
-        let config = Config { sampler, smooth_weight, far_shell: false, ..given_depth(1) };
-        // At so large a tau every pixel that has an entropy has the probability of its weight.
-        run(&views, &Config { budget: Budget::Tau(1e6), ..config }).counts.total as f64
+    // A ramp, whose Laplacian is 0, with a square of 15x15 pixels that is some grey levels brighter, all at one depth.
+    let camera = *COURTYARD.0[0].camera();
+    let (width, height) = (camera.width(), camera.height());
+    let inside = |x: usize, y: usize| x.abs_diff(width / 2) < 8 && y.abs_diff(height / 2) < 8;
+    let square = |levels: usize| {
+        let grey = |pixel: usize| {
+            let (x, y) = (pixel % width, pixel / width);
+            (x + if inside(x, y) { levels } else { 0 }) as f32 / 255.0
+        };
+        let pixels = (0..width * height).flat_map(|pixel| [grey(pixel); 3]).collect();
+        let depth = DepthMap::new(width, height, vec![5.0; width * height]).unwrap();
+        View::new("square", Image::new(width, height, pixels).unwrap(), camera, Some(depth)).unwrap()
     };
-    let all = drawn(1.0);
-    // Along the edge the Laplacian is 40 on both sides, at a corner within the square 80, and where the ramp is mirrored, left and right, 2.
-    let (edge, corners, mirrored) = (52.0 + 60.0, 4.0, 2.0 * height as f64);
-    let weight = |laplacian: f64, smooth: f64| smooth + (1.0 - smooth) * f64::min(laplacian / 64.0, 1.0);
-    for smooth in [0.0, 0.1, 0.5] {
-        let rest = all - edge - corners - mirrored;
-        let detailed = edge * weight(40.0, smooth) + corners * weight(80.0, smooth);
-        let expected = rest * smooth + detailed + mirrored * weight(2.0, smooth);
-        let found = drawn(smooth as f32);
-        assert!((found - expected).abs() < 3.0, "{smooth}: {found}, expected {expected}");
-    }
+    let drawn = |levels: usize, smooth_weight: f32, tau: f64| {
+        let (sampler, budget) = (Sampler::Systematic, Budget::Tau(tau));
+        let config = Config { sampler, smooth_weight, budget, far_shell: false, ..given_depth(1) };
+        run(&[square(levels)], &config).counts.total as f64
+    };
+    // The Laplacian is not 0 on both sides of the edge, and where the picture is mirrored, left and right.
+    let detailed = (56 + 60 + 2 * height) as f64;
+    assert_eq!(drawn(40, 0.0, 1e6), detailed);
+    assert_eq!(drawn(40, 0.1, 1e6), (width * height) as f64);
+    // Below a probability of 1 the factor is a line from the weight to 1.
+    let [none, half, full] = [0.0, 0.5, 1.0].map(|weight| drawn(40, weight, 1.5));
+    assert!((half - (none + full) / 2.0).abs() < 2.0, "{none}, {half}, {full}");
+    // On the edge it grows with the Laplacian up to 64 levels. Corners, which have twice as much, and the mirrored border are some 5 of the 85.
+    let [lower, below, at, above] = [32, 60, 64, 128].map(|levels| drawn(levels, 0.0, 1.5));
+    assert!((at - above).abs() < 2.0 && below + 3.0 < at, "{below}, {at}, {above}");
+    assert!((lower - at / 2.0).abs() < 5.0, "{lower}, {at}");
     // The rule belongs to the entropy.
     let random = |smooth_weight| {
-        run(&views, &Config { allocation: Allocation::Random, smooth_weight, ..given_depth(500) }).gaussians
+        let config = Config { allocation: Allocation::Random, smooth_weight, ..given_depth(500) };
+        run(&COURTYARD.0, &config).gaussians
     };
     assert!(random(0.0) == random(1.0));
 }
