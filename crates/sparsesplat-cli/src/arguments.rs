@@ -64,10 +64,10 @@ pub(crate) struct Pipeline {
     /// Drawing of pixels: fixed gives the exact count, bernoulli (the paper's) varies around it
     #[arg(long, value_enum, default_value = "fixed", hide_short_help = true)]
     pub(crate) sampler: SamplerName,
-    /// Factor on the probability of pixels whose depth no other view confirms, 0 to 1; the paper has none, which is 1
+    /// Factor on the probability of pixels whose depth no other view confirms, 0 to 1; the paper has no such factor (1)
     #[arg(long, value_name = "WEIGHT", value_parser = weight, default_value_t = Config::default().filled_weight, hide_short_help = true)]
     pub(crate) filled_weight: f32,
-    /// Factor on the entropy of pixels where the picture is smooth, 0 to 1; the paper has none, which is 1
+    /// Factor on the entropy of pixels where the picture is smooth, 0 to 1; the paper has no such factor (1)
     #[arg(long, value_name = "WEIGHT", value_parser = weight, default_value_t = Config::default().smooth_weight, hide_short_help = true)]
     pub(crate) smooth_weight: f32,
     /// Join surfaces that several views see: one depth for all of them, and as many Gaussians as if one saw them

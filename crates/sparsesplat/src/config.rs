@@ -16,11 +16,11 @@ pub struct Config {
     /// How pixels are drawn from the probability map.
     pub sampler: Sampler,
     /// Factor, 0 to 1, on the probability of pixels whose depth the stereo filled in from neighbours, because no other view confirms it: a Gaussian
-    /// counts for less where its place is a guess. The paper has none, which is 1. Other backbones fill nothing in.
+    /// counts for less where its place is a guess. The paper has no such factor (1). Other backbones fill nothing in.
     pub filled_weight: f32,
     /// Factor, 0 to 1, on the entropy of pixels where the picture is smooth. It applies in full where the Laplacian of the grey levels is 0, and rises
     /// linearly to 1 where its magnitude is 64 levels. The entropy of a 7x7 window is nearly the same on an edge and three pixels beside it. The paper has
-    /// none, which is 1. Only for [`Allocation::Entropy`].
+    /// no such factor (1). Only for [`Allocation::Entropy`].
     pub smooth_weight: f32,
     /// Whether surfaces that several views see are joined before pixels are drawn: their depths become the mean along each ray, weighted by
     /// confidence, and a pixel's probability is divided by the number of views that see its surface ([`Geometry::fused`](crate::Geometry::fused)).
