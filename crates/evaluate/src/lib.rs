@@ -16,7 +16,7 @@ pub use figures::{
     median, optional_mean,
 };
 pub use image_metrics::Lpips;
-pub use method::{Method, Refinement};
+pub use method::{Corrected, Method, Refinement};
 pub use protocol::{Baselines, Evaluation, Event, NearestView, PROTOCOL, evaluate};
 pub use recipe::{Machine, Recipe, peak_rss_bytes, restart_peak_rss};
 pub use render::{Rendered, render_as, render_ellipsoids, render_view};

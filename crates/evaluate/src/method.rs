@@ -1,12 +1,18 @@
 //! The method under evaluation, as settings: the pass, and optional refinement after it.
 
 use crate::figures::CurvePoint;
+use crate::render::render_view;
+use crate::window::compare;
 use crate::{Error, Result, Step};
 use gs_raster::Rasterizer;
 use gs_scene::{Camera, Gaussians, Intrinsics, View};
+use image_metrics::psnr;
+use refine::Refined;
 use scene_windows::{GeometryCache, Plan, Window};
 use serde::Serialize;
-use sparsesplat::{Config, Exposure, Prediction};
+use sparsesplat::learned::Corrector;
+use sparsesplat::{Config, Correction, Exposure, Prediction};
+use std::time::Instant;
 
 /// Photographs to Gaussians.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -14,7 +20,7 @@ pub struct Method {
     /// The pass.
     #[serde(flatten)]
     pub predict: Config,
-    /// Steps on the context views afterwards; none leaves the result of the pass.
+    /// Steps on the context views afterwards; none leaves the result of the pass. The steps are followed by the correction of the pass's configuration.
     pub refine: Option<refine::Config>,
     /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is
     /// measured. The curve then goes on to the last step: nothing stops early.
@@ -29,6 +35,12 @@ impl Method {
     #[must_use]
     pub fn feed_forward(predict: Config) -> Self {
         Self { predict, refine: None, curve: false, cache: None }
+    }
+
+    /// The pass, then a refinement, then a correction.
+    #[must_use]
+    pub fn refined(predict: Config, refine: refine::Config, correction: Correction) -> Self {
+        Self { refine: Some(refine), ..Self::feed_forward(Config { correction, ..predict }) }
     }
 
     /// This method on a window: with its depth range where the plan has one, and with a seed.
@@ -59,6 +71,9 @@ impl Method {
         if self.curve {
             config.smallest_gain = 0.0;
         }
+        // A correction needs all Gaussians in their order. They are pruned after it.
+        let corrector = prediction.corrector.take();
+        let prune = std::mem::replace(&mut config.prune, false);
         // In the exposure of the Gaussians.
         let mut exposed: Vec<View> = window.context.clone();
         config.exposure &= self.predict.exposure.is_fitted_by_view();
@@ -72,7 +87,7 @@ impl Method {
             let psnr_held_out = held_out(&scene, rasterizer)?;
             curve.push(CurvePoint { step: 0, seconds: 0.0, psnr_context: f64::NAN, psnr_held_out });
         }
-        let refined = refine::refine(scene, &exposed, &config, rasterizer, &mut |step| {
+        let mut refined = refine::refine(scene, &exposed, &config, rasterizer, &mut |step| {
             let record = step.record;
             on_step(Step::Refine { progress: step.progress, psnr_context: record.psnr_context });
             if self.curve && is_mark(record.step) {
@@ -105,10 +120,57 @@ impl Method {
                 psnr_held_out: held_out(&refined.gaussians, rasterizer)?,
             });
         }
+        let corrected = match corrector {
+            Some(corrector) if !refined.report.steps.is_empty() => {
+                Some(correct(&corrector, &mut refined, &mut exposed)?)
+            }
+            _ => None,
+        };
+        if prune {
+            let scene = std::mem::replace(&mut refined.gaussians, Gaussians::empty(0)?);
+            (refined.gaussians, refined.report.pruned) = refine::prune(scene);
+        }
+        if self.curve && corrected.is_some() {
+            let mut psnr_context = 0.0;
+            for view in &exposed {
+                let rendered = render_view(rasterizer, &refined.gaussians, view.camera())?;
+                psnr_context += compare(psnr, view, &rendered.image)? / exposed.len() as f64;
+            }
+            curve.push(CurvePoint {
+                step: refined.report.steps.len(),
+                seconds: refined.report.seconds,
+                psnr_context,
+                psnr_held_out: held_out(&refined.gaussians, rasterizer)?,
+            });
+        }
         prediction.counts = prediction.counts.without(&refined.report.pruned);
         prediction.gaussians = refined.gaussians;
-        Ok(Some(Refinement { report: refined.report, curve, cameras: refined.cameras }))
+        Ok(Some(Refinement { report: refined.report, corrected, curve, cameras: refined.cameras }))
     }
+}
+
+/// Corrects a refined scene; its seconds count as the refinement's.
+fn correct(corrector: &Corrector, refined: &mut Refined, views: &mut [View]) -> Result<Corrected> {
+    let begin = Instant::now();
+    for (view, camera) in views.iter_mut().zip(&refined.cameras) {
+        if view.camera() != camera {
+            *view = View::new(view.name(), view.image().clone(), *camera, None)?;
+        }
+    }
+    let scene = std::mem::replace(&mut refined.gaussians, Gaussians::empty(0)?);
+    refined.gaussians = corrector.corrected(scene, views)?;
+    let seconds = begin.elapsed().as_secs_f64();
+    refined.report.seconds += seconds;
+    Ok(Corrected { by: corrector.name().to_owned(), seconds })
+}
+
+/// What followed the steps of a refinement.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Corrected {
+    /// The corrector, as reports call it.
+    pub by: String,
+    /// Wall time, part of the refinement's.
+    pub seconds: f64,
 }
 
 /// How a scene was refined.
@@ -117,6 +179,9 @@ pub struct Refinement {
     /// What happened.
     #[serde(flatten)]
     pub report: refine::Report,
+    /// What corrected the scene after the steps, if anything did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub corrected: Option<Corrected>,
     /// Quality along the way, with the cameras as they were given; empty if it was not asked for.
     pub curve: Vec<CurvePoint>,
     /// The camera of each context view afterwards.
@@ -164,6 +229,7 @@ mod tests {
         let context = [view(camera(10.0, 0.0)), view(camera(20.0, 0.0))];
         let refinement = Refinement {
             report: refine::Report::default(),
+            corrected: None,
             curve: Vec::new(),
             cameras: vec![camera(11.0, 0.1), camera(19.0, 0.1)],
         };

@@ -21,7 +21,7 @@ pub use config::{ColourTerm, Config, Loss, Rates, Stop};
 pub use error::{Error, Result};
 pub use exposure::Exposure;
 pub use poses::PoseChange;
-pub use refine::{Refined, refine};
+pub use refine::{Refined, prune, refine};
 pub use report::{Report, Step, StepRecord, Stopped};
 
 #[cfg(test)]

@@ -117,7 +117,14 @@ pub fn refine(
         on_step(Step { record: &record, progress, gaussians: &work.gaussians, rasterizer });
     }
     let begin = Instant::now();
-    let gaussians = if config.prune { prune(work.gaussians, &mut report.pruned) } else { work.gaussians };
+    let gaussians = match config.prune {
+        true => {
+            let (visible, pruned) = prune(work.gaussians);
+            report.pruned = pruned;
+            visible
+        }
+        false => work.gaussians,
+    };
     report.seconds = (work.spent + begin.elapsed()).as_secs_f64();
     if work.exposures.fitted {
         report.exposure = work.exposures.all();
@@ -342,8 +349,9 @@ fn is_sound(gradients: &[f32]) -> bool {
     gradients.par_chunks(1 << 14).all(|chunk| chunk.iter().all(|g| g.abs() <= LARGEST_GRADIENT))
 }
 
-/// The scene without what cannot be seen in any view: too transparent to be drawn, or not finite.
-fn prune(gaussians: Gaussians, pruned: &mut Vec<u32>) -> Gaussians {
+/// The scene without what cannot be seen in any view: too transparent to be drawn, or not finite; and which of its Gaussians these were, ascending.
+#[must_use]
+pub fn prune(gaussians: Gaussians) -> (Gaussians, Vec<u32>) {
     let threshold = RenderSettings::default().alpha_min;
     let visible = |row: &[f32], sh: &[f32]| {
         row.iter().chain(sh).all(|v| v.is_finite()) && sigmoid(row[gs_scene::OPACITY_LOGIT]) >= threshold
@@ -351,9 +359,9 @@ fn prune(gaussians: Gaussians, pruned: &mut Vec<u32>) -> Gaussians {
     let per_gaussian = sh_coefficients(gaussians.sh_degree()) * 3;
     let rows = gaussians.geometry().chunks_exact(Gaussians::GEOMETRY);
     let rows = (0u32..).zip(rows.zip(gaussians.sh().chunks_exact(per_gaussian)));
-    pruned.extend(rows.filter(|(_, (row, sh))| !visible(row, sh)).map(|(i, _)| i));
+    let pruned: Vec<u32> = rows.filter(|(_, (row, sh))| !visible(row, sh)).map(|(i, _)| i).collect();
     if pruned.is_empty() {
-        return gaussians;
+        return (gaussians, pruned);
     }
     let keep = |values: &[f32], width: usize| -> Vec<f32> {
         let mut next = pruned.iter().copied().peekable();
@@ -363,5 +371,5 @@ fn prune(gaussians: Gaussians, pruned: &mut Vec<u32>) -> Gaussians {
     let degree = gaussians.sh_degree();
     let geometry = keep(gaussians.geometry(), Gaussians::GEOMETRY);
     let sh = keep(gaussians.sh(), per_gaussian);
-    Gaussians::new(degree, geometry, sh).expect("as many rows in both")
+    (Gaussians::new(degree, geometry, sh).expect("as many rows in both"), pruned)
 }

@@ -92,8 +92,12 @@ mod tests {
         };
         let mut window = row(name, &[20.0]);
         let curve = psnrs.iter().enumerate().map(point).collect();
-        window.seeds[0].refinement =
-            Some(Refinement { report: refine::Report::default(), curve, cameras: Vec::new() });
+        window.seeds[0].refinement = Some(Refinement {
+            report: refine::Report::default(),
+            corrected: None,
+            curve,
+            cameras: Vec::new(),
+        });
         window
     }
 

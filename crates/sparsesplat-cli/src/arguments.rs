@@ -7,7 +7,7 @@ use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use evaluate::{Lpips, Method};
 use refine::{Rates, Stop};
-use sparsesplat::{Allocation, Budget, Config, DepthRange, Exposure, Head, Sampler};
+use sparsesplat::{Allocation, Budget, Config, Correction, DepthRange, Exposure, Head, Sampler};
 use std::path::{Path, PathBuf};
 
 /// End of the short help (`-h`) of commands with many options.
@@ -115,6 +115,9 @@ pub(crate) struct Pipeline {
     /// With refinement: change poses and focal lengths of the photographs too, for those that are estimates
     #[arg(long, help_heading = "Refinement", hide_short_help = true)]
     pub(crate) refine_poses: bool,
+    /// What corrects the scene after the steps: default (a small trained head, with --backbone plane-sweep), off, or a file with weights
+    #[arg(long, value_name = "CORRECTOR", value_parser = correction, default_value = "default", help_heading = "Refinement", hide_short_help = true)]
+    pub(crate) corrector: Correction,
 }
 
 /// The weights of LPIPS.
@@ -243,13 +246,19 @@ impl Pipeline {
         };
         if stop.is_none() {
             given.refuse(&["refine-poses"], "cameras are moved by refinement: give --refine STEPS")?;
+            given.refuse(&["corrector"], "it corrects a refined scene: give --refine STEPS")?;
         }
         let pose = if self.refine_poses { POSE_RATE } else { 0.0 };
         let rates = Rates { pose, ..Rates::default() };
         let coarse = if self.refine_poses { POSE_COARSE } else { 0.0 };
-        let refine =
-            stop.map(|stop| refine::Config { stop, seed, rates, coarse, ..refine::Config::default() });
-        Ok(Method { refine, ..Method::feed_forward(self.config(seed)?) })
+        let predict = self.config(seed)?;
+        Ok(match stop {
+            None => Method::feed_forward(predict),
+            Some(stop) => {
+                let refine = refine::Config { stop, seed, rates, coarse, ..refine::Config::default() };
+                Method::refined(predict, refine, self.corrector.clone())
+            }
+        })
     }
 
     /// Refuses settings that the others leave without an effect.
@@ -273,6 +282,16 @@ impl Pipeline {
         }
         if self.source.backbone != BackboneName::PlaneSweep {
             given.refuse(&["filled-weight"], "only the stereo of --backbone plane-sweep fills depth in")?;
+        }
+        if self.corrector == Correction::Default
+            && (self.source.backbone != BackboneName::PlaneSweep
+                || self.head == HeadName::DepthSplat
+                || self.allocation == AllocationName::Merged)
+        {
+            given.refuse(
+                &["corrector"],
+                "the default one corrects Gaussians that have a pixel of their own, on --backbone plane-sweep",
+            )?;
         }
         if self.head == HeadName::DepthSplat {
             given.refuse(&["neighbours"], "--head depthsplat looks at no neighbours")?;
@@ -320,9 +339,20 @@ impl Pipeline {
                 ExposureName::AsPhotographed => Exposure::AsPhotographed,
                 ExposureName::Common => Exposure::Common,
             },
+            correction: Correction::Off,
             seed,
         })
     }
+}
+
+/// `--corrector`.
+#[expect(clippy::unnecessary_wraps, reason = "clap wants a result")]
+fn correction(text: &str) -> Result<Correction, String> {
+    Ok(match text {
+        "default" => Correction::Default,
+        "off" => Correction::Off,
+        path => Correction::Weights(path.into()),
+    })
 }
 
 /// A factor of a probability.

@@ -1,7 +1,7 @@
 //! What commands say on standard output, or on standard error where a result takes standard output.
 
 use crate::failure::{Failure, Outcome};
-use evaluate::{Figures, Method, WindowFigures};
+use evaluate::{Figures, Method, Refinement, WindowFigures};
 use report_parts::count;
 use sparsesplat::{Allocation, Budget};
 use std::io::{self, ErrorKind, Write};
@@ -127,7 +127,7 @@ pub(crate) fn held_out_line(figures: &WindowFigures) -> Option<String> {
 
 /// What refinement did, if there was one.
 pub(crate) fn refinement_line(figures: &WindowFigures) -> Option<String> {
-    let report = &figures.refinement.as_ref()?.report;
+    let Refinement { report, corrected, .. } = figures.refinement.as_ref()?;
     let psnr = report.steps.last().map_or(report.psnr_start, |step| step.psnr_context);
     let mut line = format!(
         "refined    {} steps, {:.2} s: from {:.2} to {psnr:.2} dB on the photographs",
@@ -137,6 +137,9 @@ pub(crate) fn refinement_line(figures: &WindowFigures) -> Option<String> {
     );
     if report.stopped == Some(refine::Stopped::NothingGained) {
         line += "; stopped, nothing more was gained";
+    }
+    if let Some(corrected) = corrected {
+        line += &format!("; then corrected, {:.2} s of them", corrected.seconds);
     }
     if !report.poses.is_empty() {
         let largest = report.poses.iter().fold(0.0f64, |largest, change| largest.max(change.degrees));

@@ -13,7 +13,7 @@ use refine::Stop;
 use scene_windows::{Plan, Reading, SIMULATED_SIZE, SimulatedScene, Window, simulated_window};
 use serde::Deserialize;
 use serde::de::value::{Error as Unknown, StrDeserializer};
-use sparsesplat::{Backbone, Budget, Config, DepthRange, Head};
+use sparsesplat::{Backbone, Budget, Config, Correction, DepthRange, Head};
 use std::path::PathBuf;
 use view_data::Format;
 
@@ -72,7 +72,7 @@ enum Source {
 #[pyo3(signature = (
     source, gaussians = 40_000, *, tau = None, views = 6, size = None, format = None, backbone = "plane-sweep",
     depth_planes = None, depth_range = None, allocation = "entropy", sampler = "fixed", filled_weight = None, smooth_weight = None, fuse = false, head = "default",
-    weights = None, looks = None, far_shell = true, exposure = "as-photographed", neighbours = 20, refine = 0, seed = 0, device = "auto", progress = None
+    weights = None, looks = None, far_shell = true, exposure = "as-photographed", neighbours = 20, refine = 0, corrector = PathBuf::from("default"), seed = 0, device = "auto", progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "those of the command, by name")]
 pub(crate) fn reconstruct(
@@ -98,6 +98,7 @@ pub(crate) fn reconstruct(
     exposure: &str,
     neighbours: usize,
     refine: usize,
+    corrector: PathBuf,
     seed: u64,
     device: &str,
     progress: Option<&Bound<'_, PyAny>>,
@@ -122,20 +123,31 @@ pub(crate) fn reconstruct(
         looks: looks.unwrap_or(Config::default().looks),
         far_shell,
         exposure: one_of("exposure", exposure)?,
+        correction: Correction::Off,
         seed,
     };
-    let refine =
-        (refine > 0).then(|| refine::Config { stop: Stop::Steps(refine), seed, ..refine::Config::default() });
+    let correction = match corrector.to_str() {
+        Some("default") => Correction::Default,
+        Some("off") => Correction::Off,
+        _ => Correction::Weights(corrector),
+    };
+    let method = match refine {
+        0 => Method::feed_forward(config),
+        steps => {
+            let refine = refine::Config { stop: Stop::Steps(steps), seed, ..refine::Config::default() };
+            Method::refined(config, refine, correction)
+        }
+    };
     let device = engine::device(device)?;
     // Threads of its own: a call that was left may go on for a while, and nobody should wait for it.
     let pool = engine::pool()?;
     let scene = engine::run(py, progress, move |caller| {
         pool.install(|| {
             let mut on_step = |step| caller.tell(told(step));
-            let mut method = Method { refine, ..Method::feed_forward(config) };
+            let mut method = method;
             let (window, dropped) = source.load(&mut method, &mut on_step)?;
             // Nobody waits for a GPU that has nothing to do.
-            let mut rasterizer = match refine {
+            let mut rasterizer = match method.refine {
                 Some(_) => Rasterizer::new(device)?,
                 None => Rasterizer::cpu(),
             };

@@ -4,6 +4,7 @@
 use crate::cells::{Cell, cells};
 use crate::closed_form::{self, Surface};
 use crate::exposure;
+use crate::learned::History;
 use crate::voxels::{self, Voxels};
 use crate::{
     Allocation, Backbone, Budget, Config, Counts, Error, ExposureGain, Geometry, Result, Stage, Stages, shell,
@@ -24,9 +25,9 @@ pub struct Anchored {
     pub views: Vec<View>,
     /// Gain and bias that brought each view there.
     pub exposure: Vec<ExposureGain>,
-    /// The closed form of every anchor, SH degree 0.
+    /// What a head starts from: the closed form of every anchor, SH degree 0; in a [refined](Self::refined) scene its Gaussians, degree 2.
     pub base: Gaussians,
-    /// The far shell, SH degree 0.
+    /// The far shell, of the same degree.
     pub shell: Gaussians,
     /// Where the Gaussians come from.
     pub counts: Counts,
@@ -40,6 +41,8 @@ pub struct Anchored {
     pub(crate) neighbours: Option<Neighbors>,
     /// What the head gathers instead, `[n, K]`, if some of it is chosen by co-visibility.
     pub(crate) gathered: Option<Vec<u32>>,
+    /// How `base` came about, unless it is the closed form.
+    pub(crate) history: Option<History>,
 }
 
 /// Chooses pixels of `views` with known `geometry` and lifts them into space. Anchors have features where the views' geometry has. Of the
@@ -143,6 +146,7 @@ pub fn anchor(
         cells,
         neighbours,
         gathered,
+        history: None,
     })
 }
 

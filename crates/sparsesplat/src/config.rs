@@ -38,6 +38,9 @@ pub struct Config {
     pub far_shell: bool,
     /// In which exposure the scene is.
     pub exposure: Exposure,
+    /// What corrects the scene after a refinement; the pass itself does not change by it. [`Correction::Off`] where none follows: what a corrector
+    /// needs takes memory.
+    pub correction: Correction,
     /// Seed of the sampling.
     pub seed: u64,
 }
@@ -59,6 +62,7 @@ impl Default for Config {
             looks: 4,
             far_shell: true,
             exposure: Exposure::AsPhotographed,
+            correction: Correction::Off,
             seed: 0,
         }
     }
@@ -85,6 +89,11 @@ impl Config {
         }
         if self.head == Head::DepthSplat && self.allocation != Allocation::PixelAligned {
             return Err(Error::OwnHeadAllocation);
+        }
+        if matches!(self.correction, Correction::Weights(_))
+            && (self.head == Head::DepthSplat || self.allocation == Allocation::Merged)
+        {
+            return Err(Error::NothingToCorrect);
         }
         if self.head == Head::DepthSplat && self.fuse {
             return Err(Error::OwnHeadFusion);
@@ -188,6 +197,18 @@ impl Exposure {
     pub fn is_fitted_by_view(self) -> bool {
         self == Self::Common
     }
+}
+
+/// What corrects a scene after its refinement ([`Corrector`](crate::learned::Corrector)).
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Correction {
+    /// Nothing.
+    Off,
+    /// This crate's corrector, where the backbone is [`Backbone::PlaneSweep`] and every Gaussian has an anchor of its own; else nothing.
+    Default,
+    /// A corrector with weights from a file.
+    Weights(PathBuf),
 }
 
 /// How many Gaussians.

@@ -85,6 +85,18 @@ pub enum Error {
         /// Features that the weights want.
         found: usize,
     },
+    /// Weights of a head that was not trained on refined scenes.
+    #[error(
+        "{weights}: wants {found} geometric features per anchor, a corrector has {expected}: expected weights that `train` wrote with the setting `refined`"
+    )]
+    NotOfCorrector {
+        /// The weights.
+        weights: String,
+        /// Features that a corrector has.
+        expected: usize,
+        /// Features that the weights want.
+        found: usize,
+    },
     /// Weights that were trained on the features of another backbone.
     #[error(
         "{weights}: trained on features {expected:?}, the backbone gives {found:?}: use weights trained with it, or the closed-form head"
@@ -121,6 +133,11 @@ pub enum Error {
     /// DepthSplat's head with surfaces that were joined after it.
     #[error("DepthSplat's head makes its Gaussians from the depth of its network: surfaces cannot be fused")]
     OwnHeadFusion,
+    /// A corrector for Gaussians that have no anchors of their own.
+    #[error(
+        "a corrector changes the Gaussian of each anchor: merged Gaussians, and those of DepthSplat's head, have none"
+    )]
+    NothingToCorrect,
     /// DepthSplat's head without the Gaussians that it made.
     #[error("DepthSplat's head is asked for, and the backbone's geometry comes without its Gaussians")]
     NoOwnGaussians,

@@ -25,7 +25,7 @@ mod voxels;
 
 pub use anchored::{Anchored, anchor};
 pub use backbone::Geometry;
-pub use config::{Allocation, Backbone, Budget, Config, Exposure, Head, SweepDepth};
+pub use config::{Allocation, Backbone, Budget, Config, Correction, Exposure, Head, SweepDepth};
 pub use depth_backbone::{DepthRange, Features, NetworkDevice, ViewGeometry, Wanted};
 pub use entropy_sampler::Sampler;
 pub use error::{Error, Result};

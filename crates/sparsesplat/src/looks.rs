@@ -4,9 +4,11 @@
 //! The paper has no such stage; ReSplat (arXiv 2510.08575) feeds errors of renderings back through a network instead. Held-out views are
 //! never seen.
 
-use crate::{Anchored, Config, Error, ExposureGain, Result, Stage, Stages};
+use crate::learned::HeadWeights;
+use crate::{Anchored, Config, Error, ExposureGain, Result, Stage, Stages, ViewGeometry};
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
+use refine::Stop;
 use std::borrow::Cow;
 
 /// The Gaussians after the looks that the configuration asks for beyond the head's; `exposure` is what brought each view into the common
@@ -41,6 +43,30 @@ impl Anchored {
             return Ok(gaussians);
         }
         rounds_of_steps(gaussians, &self.views, differ(&self.exposure), looks - 1)
+    }
+}
+
+impl Anchored {
+    /// These anchors in the scene that the default head and its looks make of them, refined by so many steps, all in the common exposure: for training
+    /// a corrector. `geometry` is that of the views, with features.
+    ///
+    /// # Errors
+    /// If the features are not those of the default head, or the scene cannot be rendered.
+    pub fn predicted_and_refined(&self, geometry: &[ViewGeometry], steps: usize) -> Result<Self> {
+        let head = HeadWeights::Grid.read()?;
+        let mut before = head.gaussians(self, geometry, &mut Stages::new(&mut |_| {}))?;
+        before.append(&self.shell.clone().with_sh_degree(before.sh_degree())?);
+        let before = self.looked(before, Config::default().looks)?;
+        let settings = refine::Config {
+            stop: Stop::Steps(steps),
+            exposure: differ(&self.exposure),
+            prune: false,
+            ..refine::Config::default()
+        };
+        let refined =
+            refine::refine(before.clone(), &self.views, &settings, &mut Rasterizer::cpu(), &mut |_| {});
+        let refined = refined.map_err(|error| Error::Looks(Box::new(error)))?.gaussians;
+        self.refined(&before, &refined, &self.views, &vec![ExposureGain::NONE; self.views.len()])
     }
 }
 

@@ -43,7 +43,17 @@ pub(crate) fn finish(
     let counts = Counts { total: gaussians.len(), per_view, shell: shell.len() };
     let (depth_range, seconds) = (*depth_range, stages.seconds());
     let (head, geometry) = (NAME.to_owned(), Vec::new());
-    Ok(Prediction { gaussians, head, counts, tau: None, geometry, exposure, depth_range, seconds })
+    Ok(Prediction {
+        gaussians,
+        head,
+        counts,
+        tau: None,
+        geometry,
+        exposure,
+        corrector: None,
+        depth_range,
+        seconds,
+    })
 }
 
 /// Brings colours ½ + Σ Y sh into the common exposure: gain · colour + bias.

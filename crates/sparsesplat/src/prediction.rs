@@ -1,4 +1,5 @@
 use crate::StageSeconds;
+use crate::learned::Corrector;
 use depth_backbone::ViewGeometry;
 use gs_scene::{Gaussians, View};
 use serde::Serialize;
@@ -18,6 +19,8 @@ pub struct Prediction {
     pub geometry: Vec<ViewGeometry>,
     /// Gain and bias that brought each view into the common exposure.
     pub exposure: Vec<ExposureGain>,
+    /// What corrects the scene after a refinement, if [`Config::correction`](crate::Config::correction) asks for it.
+    pub corrector: Option<Corrector>,
     /// Near and far plane that were used, scene units; for the renderer's near plane and for depth pictures.
     pub depth_range: (f64, f64),
     /// Wall time per stage.

@@ -3,7 +3,7 @@
 use crate::anchored::{Anchored, anchor};
 use crate::as_photographed::exposed_as;
 use crate::backbone::{self, Networks};
-use crate::learned::{HeadWeights, LearnedHead};
+use crate::learned::{Corrector, CorrectorWeights, HeadWeights, LearnedHead};
 use crate::looks::look;
 use crate::merge::merge;
 use crate::{
@@ -24,6 +24,8 @@ pub struct Predictor {
     networks: Networks,
     /// None is the closed form, or the backbone's own head.
     head: Option<(HeadWeights, Arc<LearnedHead>)>,
+    /// What corrects a refined scene, if that is asked for.
+    corrector: Option<(CorrectorWeights, Arc<LearnedHead>)>,
 }
 
 impl Predictor {
@@ -40,7 +42,7 @@ impl Predictor {
     /// # Errors
     /// As [`Predictor::new`], or if there is no such device.
     pub fn on(config: Config, device: NetworkDevice) -> Result<Self> {
-        Self { config: Config::default(), device, networks: Networks::default(), head: None }
+        Self { config: Config::default(), device, networks: Networks::default(), head: None, corrector: None }
             .with_config(config)
     }
 
@@ -51,15 +53,9 @@ impl Predictor {
     pub fn with_config(&self, config: Config) -> Result<Self> {
         config.check()?;
         let networks = self.networks.of(&config.backbone, self.device)?;
-        let head = match (HeadWeights::chosen(&config), &self.head) {
-            (None, _) => None,
-            (Some(weights), Some((read, head))) if weights == *read => Some((weights, Arc::clone(head))),
-            (Some(weights), _) => {
-                let head = Arc::new(weights.read()?);
-                Some((weights, head))
-            }
-        };
-        Ok(Self { config, device: self.device, networks, head })
+        let head = known(HeadWeights::chosen(&config), &self.head, HeadWeights::read)?;
+        let corrector = known(CorrectorWeights::chosen(&config), &self.corrector, CorrectorWeights::read)?;
+        Ok(Self { config, device: self.device, networks, head, corrector })
     }
 
     /// The configuration.
@@ -71,10 +67,10 @@ impl Predictor {
     /// What the head needs of the backbone.
     #[must_use]
     pub fn wanted(&self) -> Wanted {
-        match (&self.config.head, &self.head) {
-            (Head::DepthSplat, _) => Wanted::DepthAndGaussians,
-            (_, Some(_)) => Wanted::DepthAndFeatures,
-            (_, None) => Wanted::Depth,
+        match (&self.config.head, &self.head, &self.corrector) {
+            (Head::DepthSplat, ..) => Wanted::DepthAndGaussians,
+            (_, None, None) => Wanted::Depth,
+            _ => Wanted::DepthAndFeatures,
         }
     }
 
@@ -126,12 +122,6 @@ impl Predictor {
         on_stage: &mut dyn FnMut(Stage),
     ) -> Result<Prediction> {
         let mut prediction = self.finish(views, geometry, Stages::new(on_stage))?;
-        let plain = |view: &ViewGeometry| ViewGeometry {
-            depth: view.depth.clone(),
-            confidence: view.confidence.clone(),
-            features: None,
-            gaussians: None,
-        };
         prediction.geometry = geometry.views.iter().map(plain).collect();
         Ok(prediction)
     }
@@ -153,6 +143,7 @@ impl Predictor {
         let covisible = head.map_or(0, |head| head.covisible());
         let anchored = anchor(views, geometry, config, covisible, &mut stages)?;
         let made = head.map(|head| head.gaussians(&anchored, &geometry.views, &mut stages)).transpose()?;
+        let kept = self.corrector.as_ref().map(|(_, head)| (Arc::clone(head), anchored.clone()));
         let Anchored { base, shell, mut counts, tau, exposure, spacing, .. } = anchored;
         let gaussians = stages.run(Stage::Decode, || {
             let mut gaussians = made.unwrap_or(base);
@@ -165,10 +156,49 @@ impl Predictor {
             exposed_as(config.exposure, gaussians, views, &exposure)
         })?;
         let gaussians = look(gaussians, (views, &exposure), config, &mut stages)?;
+        let corrector = kept.map(|(head, anchored)| {
+            let geometry = (&*geometry.views, geometry.views.iter().map(plain).collect());
+            Corrector::new(head, anchored, gaussians.clone(), geometry, config.exposure)
+        });
+        let corrector = corrector.transpose()?;
         let head = head.map_or(CLOSED_FORM, |head| head.name()).to_owned();
         let (depth_range, seconds) = (geometry.depth_range, stages.seconds());
-        Ok(Prediction { gaussians, head, counts, tau, geometry: Vec::new(), exposure, depth_range, seconds })
+        Ok(Prediction {
+            gaussians,
+            head,
+            counts,
+            tau,
+            geometry: Vec::new(),
+            exposure,
+            corrector,
+            depth_range,
+            seconds,
+        })
     }
+}
+
+/// Depth and confidence alone.
+fn plain(view: &ViewGeometry) -> ViewGeometry {
+    ViewGeometry {
+        depth: view.depth.clone(),
+        confidence: view.confidence.clone(),
+        features: None,
+        gaussians: None,
+    }
+}
+
+/// The head with the chosen weights, which are only read if it is not `known` already.
+fn known<W: PartialEq>(
+    chosen: Option<W>,
+    known: &Option<(W, Arc<LearnedHead>)>,
+    read: impl Fn(&W) -> Result<LearnedHead>,
+) -> Result<Option<(W, Arc<LearnedHead>)>> {
+    let Some(weights) = chosen else { return Ok(None) };
+    let head = match known {
+        Some((read, head)) if weights == *read => Arc::clone(head),
+        _ => Arc::new(read(&weights)?),
+    };
+    Ok(Some((weights, head)))
 }
 
 /// The closed-form head, as reports call it.

@@ -3,7 +3,7 @@
 use evaluate::Method;
 use refine::Stop;
 use serde::{Deserialize, Serialize};
-use sparsesplat::{Allocation, Backbone, Budget, Config, Head, Sampler, SweepDepth};
+use sparsesplat::{Allocation, Backbone, Budget, Config, Correction, Head, Sampler, SweepDepth};
 
 /// What is varied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -196,6 +196,11 @@ impl Extent {
         }
     }
 
+    /// The steps that are measured without a correction too.
+    fn uncorrected(self) -> Option<usize> {
+        (self == Self::Full).then_some(60)
+    }
+
     fn planes(self) -> &'static [usize] {
         match self {
             Self::Quick => &[32],
@@ -302,13 +307,25 @@ pub fn points(
         let weight = if config.smooth_weight == 1.0 { Config::default().smooth_weight } else { 1.0 };
         all.vary(Axis::Sampler, &format!("smooth-weight={weight}"), |config| config.smooth_weight = weight);
     }
-    if base.refine.is_none() {
-        for &steps in extent.refinement() {
-            all.add(Axis::Refinement, &format!("refine-{steps}"), |point| {
-                let stop = Stop::Steps(steps);
-                point.method.refine = Some(refine::Config { stop, ..refine::Config::default() });
-            });
+    match base.refine {
+        None => {
+            for &steps in extent.refinement() {
+                let refine = refine::Config { stop: Stop::Steps(steps), ..refine::Config::default() };
+                let mut add = |name: String, correction| {
+                    all.add(Axis::Refinement, &name, |point| {
+                        point.method = Method::refined(point.method.predict.clone(), refine, correction);
+                    });
+                };
+                add(format!("refine-{steps}"), Correction::Default);
+                if extent.uncorrected() == Some(steps) {
+                    add(format!("refine-{steps}-uncorrected"), Correction::Off);
+                }
+            }
         }
+        Some(_) if config.correction != Correction::Off => {
+            all.vary(Axis::Refinement, "uncorrected", |config| config.correction = Correction::Off);
+        }
+        Some(_) => {}
     }
     all.add(Axis::Resolution, "half-size", |point| point.shrink = 2);
     if let Backbone::PlaneSweep { planes: usual, depth } = &config.backbone {

@@ -22,6 +22,11 @@ pub struct Config {
     /// 1 compares the Gaussians of the head. With N, N - 1 rounds of gradient steps on the context views follow first, as in a prediction. The
     /// gradient treats their change as a constant (first order, as in ForeSplat, arXiv 2605.22020).
     pub looks: usize,
+    /// Empty trains a head. Otherwise a corrector is trained: it sees scenes that the default head and its looks made, refined by one of these
+    /// numbers of steps, all equally often. Repeated numbers count repeatedly. Validation takes the first.
+    pub refined: Vec<usize>,
+    /// Passes over a window between two of its refined scenes, on average: to make one takes longer than a pass.
+    pub reuse: usize,
     /// Which pixels become anchors.
     pub allocation: Allocation,
     /// How pixels are drawn.
@@ -65,6 +70,8 @@ impl Default for Config {
             covisible: 0,
             feedback: true,
             looks: 1,
+            refined: Vec::new(),
+            reuse: 3,
             allocation: Allocation::Entropy,
             sampler: Sampler::Fixed,
             density: [0.01, 0.25],
@@ -117,6 +124,24 @@ impl Config {
         }
         if self.looks == 0 {
             return refuse("looks", "0".to_owned(), "1 or more: the first is the head's");
+        }
+        if self.refined.contains(&0) || self.reuse == 0 {
+            let found = format!("refined {:?}, reuse {}", self.refined, self.reuse);
+            return refuse("refined, reuse", found, "numbers of 1 or more");
+        }
+        let alone = (self.feedback, self.looks, self.covisible, self.parametrisation)
+            == (true, 1, 0, Parametrisation::Correction);
+        if !self.refined.is_empty() && !alone {
+            let found = format!(
+                "feedback {}, looks {}, covisible {}, parametrisation {}",
+                self.feedback,
+                self.looks,
+                self.covisible,
+                self.parametrisation.name()
+            );
+            let expected =
+                "with it feedback, 1 look, 0 covisible neighbours and the parametrisation correction";
+            return refuse("refined", found, expected);
         }
         if self.batch > LARGEST_BATCH {
             return refuse(

@@ -14,6 +14,7 @@ pub(crate) enum Stream {
     Mirror = 9,
     Source = 10,
     Window = 11,
+    Refined = 12,
 }
 
 /// SplitMix64 (Steele, Lea & Flood 2014).

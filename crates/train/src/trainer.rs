@@ -16,10 +16,11 @@ use gs_scene::View;
 use image_metrics::Lpips;
 use serde::Serialize;
 use sparsesplat::learned::{
-    BY_DIRECTION, COVISIBLE, FEATURES, PARAMETRISATION, Parametrisation, geometry_features, image_features,
+    BY_DIRECTION, COVISIBLE, FEATURES, PARAMETRISATION, Parametrisation, corrector_features,
+    geometry_features, image_features,
 };
 use sparsesplat::{Anchored, Budget, Stages, anchor};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -42,6 +43,15 @@ pub struct Trainer {
     ranks: Arc<Ranks>,
     /// Whether the ranks are known to do the same.
     agreed: bool,
+    /// Of a corrector's run the latest refined scene of each window, and its generation.
+    kept: Mutex<HashMap<usize, (usize, Arc<Prepared>)>>,
+}
+
+/// A window with its anchors, ready for the head.
+#[derive(Debug)]
+struct Prepared {
+    case: Case,
+    anchored: Anchored,
 }
 
 /// What a step did.
@@ -65,7 +75,7 @@ pub struct Record {
     pub skipped: bool,
 }
 
-/// A head held against the closed form on held-out views, means over windows.
+/// A head held against the closed form on held-out views, or a corrector against the scene that it corrects; means over windows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Score {
     /// Number of Gaussians as a share of the context's pixels.
@@ -109,7 +119,7 @@ impl Trainer {
         let (channels, schema) = features.map_or((0, ""), |map| (map.channels(), map.schema()));
         let head = attn_head::Config {
             kind: config.head,
-            geometry: geometry_features(config.feedback),
+            geometry: features_per_anchor(&config),
             image: image_features(channels),
             neighbours: config.neighbours,
         };
@@ -126,6 +136,7 @@ impl Trainer {
             rendering: RenderSettings::default(),
             ranks: Arc::new(Ranks::alone()),
             agreed: false,
+            kept: Mutex::default(),
             config,
             cases,
         })
@@ -147,7 +158,9 @@ impl Trainer {
                 && [FEATURES, PARAMETRISATION, COVISIBLE]
                     .iter()
                     .all(|key| said(&self.metadata(), *key) == said(&weights.metadata, *key));
-            let known = [config.geometry, geometry_features(false)].contains(&weights.config.geometry);
+            let known = [config.geometry, geometry_features(true), geometry_features(false)];
+            let found = weights.config.geometry;
+            let known = known.contains(&found) && found <= config.geometry;
             if !same || !known {
                 return Err(Error::OtherHead {
                     weights: name.clone(),
@@ -336,13 +349,8 @@ impl Trainer {
     /// Loss and gradient of the `index`-th pass of the run.
     fn pass(&self, index: usize) -> Result<Pass> {
         let seed = self.config.seed;
-        let case = self.cases.read(self.cases.drawn(seed, index))?;
-        let mut case = recoloured(case, self.config.recolour, bits(seed, Stream::Colours, index))?;
-        let disturbance = bits(seed, Stream::Disturbance, index);
-        case.geometry.views = disturbed(case.geometry.views, self.config.depth_error, disturbance)?;
-        let [low, high] = self.config.density;
-        let density = low * (high / low).powf(unit(seed, Stream::Density, index));
-        let anchored = self.anchored(&case, density, bits(seed, Stream::Sampling, index))?;
+        let prepared = self.prepared(index)?;
+        let Prepared { case, anchored } = &*prepared;
         let targets = some(seed, Stream::Target, index, case.targets.len(), self.config.targets);
         let contexts = some(seed, Stream::Context, index, case.context.len(), self.config.contexts);
         let held_out = targets.iter().map(|&i| (&case.targets[i], case.photographs));
@@ -360,14 +368,14 @@ impl Trainer {
             decoder: Arc::new(anchored.decoder(self.config.parametrisation)),
             shell: Arc::new(anchored.shell.clone()),
         };
-        let made = self.looked(&anchored, outputs.apply_op1(decode)?)?;
+        let made = self.looked(anchored, outputs.apply_op1(decode)?)?;
         let mut total: Option<Tensor> = None;
         let mut mse = Vec::new();
         for &(view, unknown) in &views {
             let render = Render {
                 rasterizer: Arc::clone(&self.rasterizer),
                 camera: *view.camera(),
-                settings: self.settings(&anchored, view),
+                settings: self.settings(anchored, view),
                 tape: Mutex::default(),
             };
             let picture = made.apply_op1(render)?;
@@ -382,7 +390,7 @@ impl Trainer {
                 Some(total) => (total + loss)?,
             });
         }
-        let Some(total) = total else { return Err(Error::NoTargets { window: case.name }) };
+        let Some(total) = total else { return Err(Error::NoTargets { window: case.name.clone() }) };
         let loss = ((total / views.len() as f64)? + by_direction)?;
         let value = f64::from(loss.to_scalar::<f32>()?);
         let gradient = if value.is_finite() {
@@ -394,6 +402,41 @@ impl Trainer {
             vec![f32::NAN; self.weights.len()]
         };
         Ok(Pass { loss: value, clipped_mse: mse, gaussians: anchored.counts.total, gradient })
+    }
+
+    /// The window of the `index`-th pass of the run. A refined scene serves several passes; which ones does not depend on where a run was
+    /// resumed.
+    fn prepared(&self, index: usize) -> Result<Arc<Prepared>> {
+        let window = self.cases.drawn(self.config.seed, index);
+        if self.config.refined.is_empty() {
+            return Ok(Arc::new(self.prepare(window, index)?));
+        }
+        let generation = index / (self.config.reuse * self.cases.len());
+        let known = lock(&self.kept).get(&window).filter(|(made, _)| *made == generation).cloned();
+        if let Some((_, prepared)) = known {
+            return Ok(prepared);
+        }
+        let prepared = Arc::new(self.prepare(window, generation * self.cases.len() + window)?);
+        lock(&self.kept).insert(window, (generation, Arc::clone(&prepared)));
+        Ok(prepared)
+    }
+
+    /// A window as the `draw`-th draw of all that is random has it.
+    fn prepare(&self, window: usize, draw: usize) -> Result<Prepared> {
+        let seed = self.config.seed;
+        let case = self.cases.read(window)?;
+        let mut case = recoloured(case, self.config.recolour, bits(seed, Stream::Colours, draw))?;
+        let disturbance = bits(seed, Stream::Disturbance, draw);
+        case.geometry.views = disturbed(case.geometry.views, self.config.depth_error, disturbance)?;
+        let [low, high] = self.config.density;
+        let density = low * (high / low).powf(unit(seed, Stream::Density, draw));
+        let mut anchored = self.anchored(&case, density, bits(seed, Stream::Sampling, draw))?;
+        if !self.config.refined.is_empty() {
+            let choice = bits(seed, Stream::Refined, draw) % self.config.refined.len() as u64;
+            let steps = self.config.refined[choice as usize];
+            anchored = anchored.predicted_and_refined(&case.geometry.views, steps)?;
+        }
+        Ok(Prepared { case, anchored })
     }
 
     /// Rows of Gaussians after the looks that the configuration asks for. What these change is a constant to the gradient.
@@ -409,15 +452,17 @@ impl Trainer {
 
     fn anchored(&self, case: &Case, density: f64, seed: u64) -> Result<Anchored> {
         let pixels: usize = case.context.iter().map(|view| view.image().data().len() / 3).sum();
+        let usual = sparsesplat::Config::default();
         let config = sparsesplat::Config {
             allocation: self.config.allocation,
             budget: Budget::Gaussians(((pixels as f64 * density) as usize).max(1)),
             sampler: self.config.sampler,
             // The included heads were trained without this factor; training with it was not measured.
-            smooth_weight: 1.0,
+            // A corrector meets scenes as they are made by default. Heads are trained on the paper's sampling.
+            smooth_weight: if self.config.refined.is_empty() { 1.0 } else { usual.smooth_weight },
             neighbours: self.config.neighbours,
             seed,
-            ..sparsesplat::Config::default()
+            ..usual
         };
         let covisible = self.config.covisible;
         Ok(anchor(&case.context, &case.geometry, &config, covisible, &mut Stages::new(&mut |_| {}))?)
@@ -432,7 +477,10 @@ impl Trainer {
         let mut sums = [0.0; 2];
         for index in 0..cases.len() {
             let case = cases.read(index)?;
-            let anchored = self.anchored(&case, density, self.config.seed)?;
+            let mut anchored = self.anchored(&case, density, self.config.seed)?;
+            if let Some(&steps) = self.config.refined.first() {
+                anchored = anchored.predicted_and_refined(&case.geometry.views, steps)?;
+            }
             let weights = Tensor::from_slice(&self.weights, self.weights.len(), &Device::Cpu)?;
             let feedback = anchored.feedback(self.config.feedback)?;
             let outputs = values(
@@ -471,6 +519,11 @@ impl Trainer {
     fn settings(&self, anchored: &Anchored, view: &View) -> RenderSettings {
         RenderSettings { near: near_plane(&anchored.base, view.camera()), ..self.rendering }
     }
+}
+
+/// Geometric features per anchor of what a run trains.
+fn features_per_anchor(config: &Config) -> usize {
+    if config.refined.is_empty() { geometry_features(config.feedback) } else { corrector_features() }
 }
 
 fn decibel(mse: f64) -> f64 {

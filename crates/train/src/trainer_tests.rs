@@ -5,8 +5,12 @@ use scene_windows::{Plan, SimulatedScene};
 use sparsesplat::{Backbone, Predictor};
 
 fn trainer(config: Config, cache: &Path) -> Trainer {
-    let plans = [Plan::simulated(SimulatedScene::Courtyard, (48, 32))];
-    let predict = sparsesplat::Config { backbone: Backbone::GivenDepth, ..sparsesplat::Config::default() };
+    trainer_on(Backbone::GivenDepth, (48, 32), config, cache)
+}
+
+fn trainer_on(backbone: Backbone, size: (usize, usize), config: Config, cache: &Path) -> Trainer {
+    let plans = [Plan::simulated(SimulatedScene::Courtyard, size)];
+    let predict = sparsesplat::Config { backbone, ..sparsesplat::Config::default() };
     let cases = Cases::open(&plans, &Predictor::new(predict).unwrap(), cache, &mut |_, _| {}).unwrap();
     Trainer::new(config, cases, Rasterizer::cpu()).unwrap()
 }
@@ -264,6 +268,51 @@ fn a_run_that_is_resumed_ends_with_the_same_weights() {
     let bytes = std::fs::read(&checkpoint).unwrap();
     std::fs::write(&checkpoint, &bytes[..bytes.len() / 2]).unwrap();
     assert!(matches!(other.resume(&checkpoint), Err(Error::Checkpoint { .. })));
+}
+
+/// Of a corrector's run with a window's refined scene made anew after every second pass: resumed after the first, and at a new scene.
+#[test]
+fn a_corrector_is_trained_on_refined_scenes_and_resumed_to_the_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = Config {
+        head: Kind::Grid,
+        refined: vec![2, 3],
+        reuse: 2,
+        batch: 1,
+        density: [0.05, 0.05],
+        ..Config::default()
+    };
+    let trainer = |config| trainer_on(Backbone::default(), (96, 64), config, folder.path());
+    let mut unbroken = trainer(config.clone());
+    // Untrained it changes nothing, and what it is held against is the refined scene.
+    let score = unbroken.validate(&unbroken.cases, 0.05, &mut |_| {}).unwrap();
+    assert!((score.psnr - score.psnr_closed_form).abs() < 1e-6, "{score:?}");
+    let head = trainer(Config { refined: Vec::new(), ..config.clone() });
+    let of_head = head.validate(&head.cases, 0.05, &mut |_| {}).unwrap();
+    assert!(score.psnr > of_head.psnr + 0.5, "{score:?}, closed form {of_head:?}");
+    let generation = |run: &Trainer| lock(&run.kept).values().next().map(|(made, _)| *made);
+    let mut weights = Vec::new();
+    for step in 0..3 {
+        unbroken.step().unwrap();
+        assert_eq!(generation(&unbroken), Some(step / 2));
+        weights.push(unbroken.weights.clone());
+    }
+    assert_ne!(weights[0], weights[2], "something was learnt");
+    let checkpoint = folder.path().join("checkpoint.safetensors");
+    for (step, expected) in weights.iter().enumerate() {
+        let mut run = trainer(config.clone());
+        if step > 0 {
+            run.resume(&checkpoint).unwrap();
+        }
+        run.step().unwrap();
+        assert_eq!(&run.weights, expected, "step {step}");
+        run.save(&checkpoint).unwrap();
+    }
+    // Those of a head may be a beginning, but not the other way round.
+    let mut narrow = trainer(Config { refined: Vec::new(), ..config });
+    unbroken.start_from(&[("head".to_owned(), narrow.weights())]).unwrap();
+    let refused = narrow.start_from(&[("corrector".to_owned(), unbroken.weights())]);
+    assert!(matches!(refused, Err(Error::OtherHead { .. })));
 }
 
 #[test]

@@ -229,6 +229,7 @@ fn arguments_out_of_range() {
     refused(&tiny.reconstruct(&["--gaussians", "1k", "--tau", "1"]), &["cannot be used with"]);
     refused(&tiny.reconstruct(&["--refine", "5", "--refine-seconds", "1"]), &["cannot be used with"]);
     refused(&tiny.reconstruct(&["--refine", "-1"]), &["-1"]);
+    refused(&tiny.reconstruct(&["--refine", "5", "--corrector", "none.safetensors"]), &["none.safetensors"]);
     let planes_of_no_stereo = ["--backbone", "given-depth", "--depth-planes", "64"];
     refused(&tiny.reconstruct(&planes_of_no_stereo), &["--depth-planes", "plane-sweep"]);
     refused(&tiny.reconstruct(&["--refine-seconds", "nan"]), &["--refine-seconds"]);

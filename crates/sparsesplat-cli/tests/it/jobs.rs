@@ -181,7 +181,12 @@ fn refinement_makes_the_scene_better_and_says_how() {
     assert!(number(&steps[19]["psnr_context"]) > number(&refinement["psnr_start"]));
     let curve = refinement["curve"].as_array().unwrap();
     assert_eq!((number(&curve[0]["psnr_held_out"]), number(&curve[0]["step"])), (before, 0.0));
-    assert_eq!(number(&curve[curve.len() - 1]["step"]), 20.0);
+    // The steps, and then the correction, which takes none of them.
+    let [.., last, corrected] = &curve[..] else { panic!("a curve of points") };
+    assert_eq!([last, corrected].map(|point| number(&point["step"])), [20.0; 2]);
+    assert!(number(&corrected["seconds"]) > number(&last["seconds"]));
+    assert_eq!(corrected["psnr_held_out"], scene["psnr_held_out"]);
+    assert!(refinement["corrected"]["by"].as_str().unwrap().contains("refined-grid"));
     assert!(fs::read_to_string(&plot).unwrap().contains("tiny"));
     assert!(number(&scene["gaussians"]) <= 2000.0);
 
@@ -192,10 +197,15 @@ fn refinement_makes_the_scene_better_and_says_how() {
         (called.stdout, read_ply(&tiny.beside("scene.ply")).unwrap())
     };
     let (said, refined) = scene(&["--refine", "5"]);
-    assert!(said.contains("refined    5 steps"), "{said}");
+    assert!(said.contains("refined    5 steps") && said.contains("then corrected"), "{said}");
+    let (said, uncorrected) = scene(&["--refine", "5", "--corrector", "off"]);
+    assert!(!said.contains("corrected") && uncorrected != refined, "{said}");
     assert!(refined == scene(&["--refine", "5", "--threads", "1"]).1, "threads make a difference");
     let (said, plain) = scene(&["--refine-seconds", "0"]);
-    assert!(said.contains("refined    0 steps") && plain.len() >= refined.len(), "{said}");
+    assert!(
+        said.contains("refined    0 steps") && !said.contains("corrected") && plain.len() >= refined.len(),
+        "{said}"
+    );
     assert!(!scene(&[]).0.contains("refined"));
 }
 

@@ -1,5 +1,5 @@
-//! The decoder: the head's 38 outputs are bounded changes of the closed-form Gaussian. An untrained head, whose outputs are 0,
-//! gives exactly the closed form.
+//! The decoder: the head's 38 outputs are bounded changes of the closed-form Gaussian, those of a corrector of the refined one. An untrained head, whose
+//! outputs are 0, gives exactly what it starts from.
 //!
 //! | outputs | change | bound |
 //! |---|---|---|
@@ -20,10 +20,10 @@
 //! (docs/journal/2026-11-training-runs.md).
 
 use super::rotate_sh::RotateSh;
-use crate::harmonics::{TERMS, basis};
+use crate::harmonics::{DEGREE, TERMS, basis};
 use attn_head::OUTPUTS;
 use glam::{DQuat, DVec3};
-use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION};
+use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -52,7 +52,7 @@ pub const BOUNDS: [f32; OUTPUTS] = {
 /// Outputs of the head to Gaussians, and back with derivatives.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    /// Closed-form Gaussians of SH degree 0, one per anchor.
+    /// Gaussians of SH degree 0 (the closed form) or 2 (of a refined scene), one per anchor.
     base: Gaussians,
     /// Width of the patch that each anchor stands for, scene units.
     spacing: Vec<f32>,
@@ -105,14 +105,14 @@ fn in_mean(base: &Gaussians, spacing: &[f32], views: &[u32], cameras: &[Camera])
 }
 
 impl Decoder {
-    /// A decoder about closed-form Gaussians `base` (SH degree 0), one per anchor; `spacing` and `views` per anchor,
-    /// `cameras` per view.
+    /// A decoder about Gaussians `base`, one per anchor: the closed form (SH degree 0), or those of a refined scene (degree 2). `spacing` and `views`
+    /// per anchor, `cameras` per view.
     ///
     /// # Panics
-    /// If lengths differ, a view does not exist or the degree is not 0.
+    /// If lengths differ, a view does not exist or the degree is neither.
     #[must_use]
     pub fn new(base: Gaussians, spacing: Vec<f32>, views: Vec<u32>, cameras: &[Camera]) -> Self {
-        assert_eq!(base.sh_degree(), 0, "SH degree of the closed form");
+        assert!([0, DEGREE].contains(&base.sh_degree()), "SH degree of the closed form, or of a head");
         assert!(base.len() == spacing.len() && base.len() == views.len(), "one entry per anchor");
         assert!(views.iter().all(|&view| (view as usize) < cameras.len()), "views that exist");
         let rows = |camera: &Camera| {
@@ -202,7 +202,7 @@ impl Decoder {
                     self.row(anchor, outputs, &means, geometry, sh);
                 });
             });
-        Gaussians::new(2, geometry, sh).expect("lengths as computed")
+        Gaussians::new(DEGREE, geometry, sh).expect("lengths as computed")
     }
 
     /// Mean change of colour of each view by these outputs, as a constant coefficient `[rgb]`.
@@ -241,8 +241,14 @@ impl Decoder {
         }
         let (sh, _) = sh.as_chunks_mut::<3>();
         let (change, _) = change[8..35].as_chunks::<3>();
-        sh[0] = std::array::from_fn(|c| self.base.sh()[anchor * 3 + c] + change[0][c] - means[view][c]);
+        let (base, _) = self.base.sh().as_chunks::<3>();
+        let terms = sh_coefficients(self.base.sh_degree());
+        let base = &base[anchor * terms..][..terms];
+        sh[0] = std::array::from_fn(|c| base[0][c] + change[0][c] - means[view][c]);
         self.rotate_sh[view].turn(&change[1..], &mut sh[1..]);
+        for (sh, base) in sh.iter_mut().zip(base).skip(1) {
+            (0..3).for_each(|c| sh[c] += base[c]);
+        }
     }
 
     /// Derivatives of a loss by the head's outputs, `[n, 38]`, from those by the Gaussians that [`Decoder::decode`]
@@ -344,6 +350,29 @@ mod tests {
         assert!(decoded.sh()[3..27].iter().all(|&c| c == 0.0));
     }
 
+    /// A decoder about Gaussians of a refined scene, of the same anchors.
+    fn about_refined(turn: f64) -> Decoder {
+        let mut decoder = decoder([0.8, 0.0, -0.6, 0.0], turn);
+        decoder.base = decoder.base.with_sh_degree(DEGREE).unwrap();
+        decoder.base.buffers_mut().1.iter_mut().enumerate().for_each(|(i, c)| *c += (i as f32).sin());
+        decoder
+    }
+
+    #[test]
+    fn colours_by_direction_of_a_refined_scene_are_changed_not_replaced() {
+        let decoder = about_refined(1.0);
+        assert_eq!(decoder.decode(&[0.0; N * OUTPUTS]), *decoder.base());
+        let outputs: Vec<f32> = (0..N * OUTPUTS).map(|i| (i as f32 * 0.7).sin()).collect();
+        let changed = |decoder: &Decoder| -> Vec<f32> {
+            let base = decoder.base.clone().with_sh_degree(DEGREE).unwrap();
+            decoder.decode(&outputs).sh().iter().zip(base.sh()).map(|(a, b)| a - b).collect()
+        };
+        let closed_form = super::tests::decoder([0.8, 0.0, -0.6, 0.0], 1.0);
+        for (i, (a, b)) in changed(&decoder).iter().zip(changed(&closed_form)).enumerate() {
+            assert!((a - b).abs() < 1e-6, "{i}: {a} {b}");
+        }
+    }
+
     /// A decoder about grey balls, of the same anchors.
     fn grey_balls(turn: f64) -> Decoder {
         let lens = Intrinsics { fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0, width: 8, height: 6 };
@@ -426,9 +455,13 @@ mod tests {
         fn derivatives_are_those_of_differences(
             outputs in prop::collection::vec(-2.0f32..2.0, N * OUTPUTS),
             weights in prop::collection::vec(-1.0f32..1.0, N * 38),
-            turn in -3.0f64..3.0, index in 0usize..N * OUTPUTS, nothing: bool,
+            turn in -3.0f64..3.0, index in 0usize..N * OUTPUTS, about in 0..3,
         ) {
-            let decoder = if nothing { grey_balls(turn) } else { decoder([0.8, 0.0, -0.6, 0.0], turn) };
+            let decoder = match about {
+                0 => grey_balls(turn),
+                1 => about_refined(turn),
+                _ => decoder([0.8, 0.0, -0.6, 0.0], turn),
+            };
             let loss = |outputs: &[f32]| -> f64 {
                 let decoded = decoder.decode(outputs);
                 let values = decoded.geometry().iter().chain(decoded.sh());

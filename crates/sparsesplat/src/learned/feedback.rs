@@ -1,8 +1,9 @@
-//! Feedback: the closed form is rendered into the photographs that it was made of, and each anchor is told how its Gaussian does there.
+//! Feedback: the closed form is rendered into the photographs that it was made of, and each anchor is told how its Gaussian does there. A corrector
+//! is told the same of a refined scene.
 //! The paper's head sees no rendering; docs/training.md has what this is worth. The CPU renders it, whatever renders the result, so that a
 //! prediction does not depend on the graphics adapter.
 //!
-//! With e = photograph - rendering (both in the common exposure) and w the share that the Gaussian has in a pixel, summed over the
+//! With e = photograph - rendering (both in the exposure of the scene) and w the share that the Gaussian has in a pixel, summed over the
 //! pixels of the anchor's own view, and over those of all others:
 //!
 //! | numbers | what | tells |
@@ -20,7 +21,7 @@ use crate::anchored::Anchored;
 use crate::{Error, Result};
 use glam::Vec3;
 use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, near_plane};
-use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0, View};
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0, View, sh_coefficients};
 use rayon::prelude::*;
 
 /// Numbers by the pixels of the own view, and as many by those of the others.
@@ -49,28 +50,30 @@ struct Sums {
     by_mean: Vec3,
 }
 
-/// Feedback `[n, FEEDBACK]` on the closed form of the anchors.
+/// Feedback `[n, FEEDBACK]` on the closed form of the anchors, or on the refined scene that has taken its place.
 ///
 /// # Errors
-/// If the closed form covers more tiles of a picture than the renderer takes.
+/// If the scene covers more tiles of a picture than the renderer takes.
 pub(super) fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
-    let scene = closed_form(anchored);
+    let scene = rendered(anchored);
+    let views = anchored.history.as_ref().map_or(&anchored.views, |history| &history.views);
+    let width = 3 * sh_coefficients(scene.sh_degree());
     let mut rasterizers: [Rasterizer; AT_ONCE] = std::array::from_fn(|_| Rasterizer::cpu());
     let mut sums = vec![[Sums::default(); 2]; anchored.base.len()];
-    for (first, views) in (0..).step_by(AT_ONCE).zip(anchored.views.chunks(AT_ONCE)) {
+    for (first, views) in (0..).step_by(AT_ONCE).zip(views.chunks(AT_ONCE)) {
         let work = views.par_iter().zip(&mut rasterizers);
         let found: Vec<_> =
             work.map(|(view, rasterizer)| descent(&scene, &anchored.base, view, rasterizer)).collect();
         for (index, found) in (first..).zip(found) {
             let (gradients, shares) = found?;
             let rows = gradients.geometry.par_chunks_exact(Gaussians::GEOMETRY);
-            let rows = rows.zip(gradients.sh.par_chunks_exact(3)).zip(&shares);
+            let rows = rows.zip(gradients.sh.par_chunks_exact(width)).zip(&shares);
             let sums = sums.par_iter_mut().with_min_len(ROWS).zip(&anchored.anchors.views);
             sums.zip(rows).for_each(|((sums, &home), ((geometry, colour), [weight, squared_error]))| {
                 let sums = &mut sums[usize::from(home as usize != index)];
                 sums.weight += weight;
                 sums.squared_error += squared_error;
-                sums.error += Vec3::from_slice(colour) / SH_C0;
+                sums.error += Vec3::from_slice(&colour[..3]) / SH_C0;
                 sums.by_opacity += geometry[OPACITY_LOGIT];
                 sums.by_scale += Vec3::from_slice(&geometry[LOG_SCALE]);
                 sums.by_mean += Vec3::from_slice(&geometry[MEAN]);
@@ -105,10 +108,13 @@ fn descent(
     rasterizer.backward_with_shares(scene, &tape, &[pixels], &[squares]).map_err(failed)
 }
 
-/// What is rendered: Gaussians of the anchors and the far shell, in the common exposure.
-fn closed_form(anchored: &Anchored) -> Gaussians {
+/// What is rendered: Gaussians of the anchors and the far shell.
+fn rendered(anchored: &Anchored) -> Gaussians {
     let mut scene = anchored.base.clone();
     scene.append(&anchored.shell);
+    if anchored.history.is_some() {
+        return scene;
+    }
     let darkest = (DARKEST - 0.5) / SH_C0;
     scene.buffers_mut().1.iter_mut().for_each(|coefficient| *coefficient = coefficient.max(darkest));
     scene
@@ -185,7 +191,7 @@ mod tests {
 
     /// Photographs are what the closed form looks like, and `add` besides.
     fn photograph_itself(anchored: &mut Anchored, add: [f32; 3]) {
-        let scene = closed_form(anchored);
+        let scene = rendered(anchored);
         for view in &mut anchored.views {
             let near = near_plane(&anchored.base, view.camera());
             let settings = RenderSettings { near, ..RenderSettings::default() };

@@ -1,8 +1,8 @@
 //! Weights and the features they work with.
 
-use super::{HeadInputs, Parametrisation, geometry_features, image_features};
+use super::{HeadInputs, Parametrisation, corrector_features, geometry_features, image_features};
 use crate::{Anchored, Backbone, Config, Error, Result, Stage, Stages};
-use attn_head::{Head, Weights};
+use attn_head::{Head, Kind, Weights};
 use depth_backbone::ViewGeometry;
 use gs_scene::Gaussians;
 use std::path::{Path, PathBuf};
@@ -41,14 +41,39 @@ impl LearnedHead {
     /// or neighbours that is not known.
     pub fn new(weights: Weights, name: impl Into<String>) -> Result<Self> {
         let name = name.into();
-        let Some(features) = weights.metadata.get(FEATURES).cloned() else {
-            return Err(Error::NoSchema { weights: name });
-        };
         let found = weights.config.geometry;
         let Some(feedback) = [true, false].into_iter().find(|&feedback| geometry_features(feedback) == found)
         else {
             let [without, with] = [false, true].map(geometry_features);
             return Err(Error::GeometryFeatures { weights: name, without, with, found });
+        };
+        Self::checked(weights, name, feedback)
+    }
+
+    /// A corrector from weights: a head that sees a refined scene, feedback on it and how it came about, and corrects it.
+    ///
+    /// # Errors
+    /// As [`LearnedHead::new`], or if the weights are of a head that sees the closed form.
+    pub(super) fn corrector(weights: Weights, name: impl Into<String>) -> Result<Self> {
+        let name = name.into();
+        let (expected, found) = (corrector_features(), weights.config.geometry);
+        if expected != found {
+            return Err(Error::NotOfCorrector { weights: name, expected, found });
+        }
+        let head = Self::checked(weights, name, true)?;
+        let refuse = |key, found: String| Error::Metadata { weights: head.name.clone(), key, found };
+        if head.parametrisation != Parametrisation::Correction {
+            return Err(refuse(PARAMETRISATION, head.parametrisation.name().to_owned()));
+        }
+        if head.covisible > 0 {
+            return Err(refuse(COVISIBLE, head.covisible.to_string()));
+        }
+        Ok(head)
+    }
+
+    fn checked(weights: Weights, name: String, feedback: bool) -> Result<Self> {
+        let Some(features) = weights.metadata.get(FEATURES).cloned() else {
+            return Err(Error::NoSchema { weights: name });
         };
         let refuse = |key: &'static str, found: &String| Error::Metadata {
             weights: name.clone(),
@@ -97,7 +122,7 @@ impl LearnedHead {
             false => Vec::new(),
         };
         stages.run(Stage::Head, || {
-            let inputs = anchored.inputs(self.head.config().kind, geometry, &feedback);
+            let inputs = anchored.inputs(self.kind(), geometry, &feedback);
             let outputs = self.outputs(&inputs, geometry)?;
             Ok(anchored.decoder(self.parametrisation).decode(&outputs))
         })
@@ -108,17 +133,32 @@ impl LearnedHead {
     /// # Errors
     /// If the weights were trained on other features, or an input or output is not finite.
     fn outputs(&self, inputs: &HeadInputs, geometry: &[ViewGeometry]) -> Result<Vec<f32>> {
+        self.check_features(geometry)?;
+        self.run(inputs)
+    }
+
+    /// That the weights were trained on the features of this geometry.
+    pub(super) fn check_features(&self, geometry: &[ViewGeometry]) -> Result<()> {
         let features = geometry.first().and_then(|view| view.features.as_ref());
         let (schema, channels) = features.map_or(("none", 0), |map| (map.schema(), map.channels()));
-        let expected = self.head.config().image;
-        if schema != self.features || image_features(channels) != expected {
-            return Err(Error::OtherFeatures {
-                weights: self.name.clone(),
-                expected: self.features.clone(),
-                found: schema.to_owned(),
-            });
+        if schema == self.features && image_features(channels) == self.head.config().image {
+            return Ok(());
         }
+        Err(Error::OtherFeatures {
+            weights: self.name.clone(),
+            expected: self.features.clone(),
+            found: schema.to_owned(),
+        })
+    }
+
+    /// Outputs `[n, 38]` for inputs of features that were [checked](Self::check_features).
+    pub(super) fn run(&self, inputs: &HeadInputs) -> Result<Vec<f32>> {
         Ok(self.head.run(&inputs.as_inputs())?)
+    }
+
+    /// How it gathers neighbours.
+    pub(super) fn kind(&self) -> Kind {
+        self.head.config().kind
     }
 }
 
@@ -179,6 +219,29 @@ mod tests {
         }
         let error = refused(weights(3, Some("none")));
         assert!(matches!(error, Error::GeometryFeatures { found: 3, .. }), "{error}");
+    }
+
+    #[test]
+    fn heads_and_correctors_do_not_stand_in_for_each_other() {
+        let corrector = || weights(corrector_features(), Some("none"));
+        assert!(LearnedHead::corrector(corrector(), "w").is_ok());
+        let error = LearnedHead::new(corrector(), "w").unwrap_err();
+        assert!(matches!(error, Error::GeometryFeatures { .. }), "{error}");
+        for feedback in [true, false] {
+            let head = weights(geometry_features(feedback), Some("none"));
+            let error = LearnedHead::corrector(head, "w").unwrap_err();
+            assert!(matches!(error, Error::NotOfCorrector { .. }), "{error}");
+        }
+        assert!(matches!(
+            LearnedHead::corrector(weights(corrector_features(), None), "w"),
+            Err(Error::NoSchema { .. })
+        ));
+        for (key, value) in [(PARAMETRISATION, Parametrisation::Paper.name()), (COVISIBLE, "3")] {
+            let mut other = corrector();
+            other.metadata.insert(key.to_owned(), value.to_owned());
+            let error = LearnedHead::corrector(other, "w").unwrap_err();
+            assert!(matches!(&error, Error::Metadata { key: found, .. } if *found == key), "{error}");
+        }
     }
 
     #[test]

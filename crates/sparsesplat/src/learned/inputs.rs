@@ -7,6 +7,7 @@
 
 use super::feedback::FEEDBACK;
 use super::grid;
+use super::history::{HISTORY, history};
 use super::support::support;
 use crate::anchored::Anchored;
 use attn_head::{Inputs, Kind};
@@ -35,6 +36,12 @@ pub fn geometry_features(feedback: bool) -> usize {
     if feedback { OWN + FEEDBACK } else { OWN }
 }
 
+/// Geometric features g per anchor for a corrector: with what rendering the refined scene says, and how the scene came about.
+#[must_use]
+pub fn corrector_features() -> usize {
+    OWN + FEEDBACK + HISTORY
+}
+
 /// Image features v per anchor where the backbone gives `channels`.
 #[must_use]
 pub fn image_features(channels: usize) -> usize {
@@ -48,7 +55,7 @@ pub struct HeadInputs {
     pub n: usize,
     /// Neighbours of each; none for a grid.
     pub k: usize,
-    /// g, `[n, geometry_features]`, with feedback or without.
+    /// g, `[n, geometry_features]`, with feedback or without; of a refined scene `[n, corrector_features]`.
     pub geometry: Vec<f32>,
     /// v, `[n, channels + 3]`.
     pub image: Vec<f32>,
@@ -83,7 +90,9 @@ impl HeadInputs {
         feedback: &[f32],
         kind: Kind,
     ) -> Self {
-        let width = geometry_features(!feedback.is_empty());
+        let of_rendering = if feedback.is_empty() { 0 } else { FEEDBACK };
+        let of_history = if anchored.history.is_some() { HISTORY } else { 0 };
+        let width = OWN + of_rendering + of_history;
         let anchors = &anchored.anchors;
         let (n, channels) = (anchors.len(), anchors.channels);
         let (k, neighbours) = anchored.neighbours.as_ref().map_or((0, &[][..]), |nearest| {
@@ -105,8 +114,12 @@ impl HeadInputs {
                 let rows = geometric.chunks_exact_mut(width);
                 let rows = rows.zip(image.chunks_exact_mut(image_features(channels)));
                 for ((row, image), i) in rows.zip(chunk * CHUNK..) {
-                    let (own_features, of_rendering) = row.split_at_mut(OWN);
-                    of_rendering.copy_from_slice(&feedback[i * of_rendering.len()..][..of_rendering.len()]);
+                    let (own_features, others) = row.split_at_mut(OWN);
+                    let (rendered, changed) = others.split_at_mut(of_rendering);
+                    rendered.copy_from_slice(&feedback[i * of_rendering..][..of_rendering]);
+                    if let Some(known) = &anchored.history {
+                        changed.copy_from_slice(&history(anchored, known, i));
+                    }
                     own_features.copy_from_slice(&geometric_features(
                         anchored,
                         i,

@@ -1,18 +1,23 @@
 //! The learned head: its inputs for each anchor, and the decoding of its outputs.
 
+mod corrector;
 mod decode;
 mod feedback;
 mod grid;
 mod head;
+mod history;
 mod inputs;
 mod parametrisation;
 mod rotate_sh;
 mod support;
 
+pub use corrector::Corrector;
+pub(crate) use corrector::CorrectorWeights;
 pub use decode::{BOUNDS, BY_DIRECTION, Decoder};
 pub(crate) use head::HeadWeights;
 pub use head::{COVISIBLE, FEATURES, LearnedHead, PARAMETRISATION};
-pub use inputs::{HeadInputs, geometry_features, image_features};
+pub(crate) use history::History;
+pub use inputs::{HeadInputs, corrector_features, geometry_features, image_features};
 pub use parametrisation::Parametrisation;
 
 use crate::{Anchored, Result};

@@ -3,6 +3,8 @@
 // clippy.toml allows it in test functions; these helpers serve nothing else.
 #![allow(clippy::unwrap_used)]
 
+/// What corrects a refined scene.
+mod corrector;
 /// How many Gaussians, and where they come from.
 mod counts;
 /// Photographs of different exposure.

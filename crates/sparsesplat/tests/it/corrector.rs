@@ -1,0 +1,94 @@
+use super::*;
+use attn_head::Weights;
+use sparsesplat::learned::{Corrector, FEATURES, corrector_features, image_features};
+use sparsesplat::{Allocation, Correction, Error, Head};
+
+fn corrected_config(gaussians: usize) -> Config {
+    Config { correction: Correction::Default, ..plane_sweep(gaussians) }
+}
+
+/// The prediction, what corrects it, and the Gaussians after some steps.
+fn refined(config: &Config, steps: usize) -> (Prediction, Corrector, Gaussians) {
+    let views = &COURTYARD.0;
+    let mut prediction = run(views, config);
+    let corrector = prediction.corrector.take().unwrap();
+    let stop = refine::Stop::Steps(steps);
+    let settings = refine::Config { stop, prune: false, exposure: false, ..refine::Config::default() };
+    let scene = prediction.gaussians.clone();
+    let refined = refine::refine(scene, views, &settings, &mut Rasterizer::cpu(), &mut |_| {}).unwrap();
+    (prediction, corrector, refined.gaussians)
+}
+
+/// Mean PSNR of the held-out views, dB.
+fn held_out(gaussians: &Gaussians, prediction: &Prediction) -> f64 {
+    let scene = Prediction { gaussians: gaussians.clone(), ..prediction.clone() };
+    let targets = &COURTYARD.1;
+    let psnr = |target: &View| image_metrics::psnr(&draw(&scene, target), target.image()).unwrap();
+    targets.iter().map(psnr).sum::<f64>() / targets.len() as f64
+}
+
+#[test]
+fn a_refined_scene_is_better_on_held_out_views_when_it_is_corrected() {
+    let (prediction, corrector, refined) = refined(&corrected_config(1500), 30);
+    let corrected = corrector.corrected(refined.clone(), &COURTYARD.0).unwrap();
+    check_gaussians(&corrected, false);
+    let shell = prediction.counts.total - prediction.counts.shell;
+    assert_eq!((corrected.len(), corrected.sh_degree()), (refined.len(), 2));
+    let rows = Gaussians::GEOMETRY * shell;
+    assert_eq!(corrected.geometry()[rows..], refined.geometry()[rows..], "the shell stays");
+    assert_ne!(corrected.geometry()[..rows], refined.geometry()[..rows]);
+    let [before, after] = [&refined, &corrected].map(|scene| held_out(scene, &prediction));
+    assert!(after > before + 0.03, "{before} {after}");
+    // Nothing of it changes the pass, and it is the same on one thread.
+    let plain = run(&COURTYARD.0, &plane_sweep(1500));
+    assert_eq!(plain.gaussians, prediction.gaussians);
+    assert!(plain.corrector.is_none());
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert_eq!(pool.install(|| corrector.corrected(refined, &COURTYARD.0)).unwrap(), corrected);
+}
+
+#[test]
+fn one_without_training_leaves_the_scene_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("untrained.safetensors");
+    let image = image_features(depth_backbone::FEATURE_NAMES.len());
+    let kind = attn_head::Kind::Grid;
+    let config = attn_head::Config { kind, geometry: corrector_features(), image, neighbours: 20 };
+    let features = (FEATURES.to_owned(), depth_backbone::PlaneSweep::SCHEMA.to_owned());
+    Weights { metadata: [features].into(), ..Weights::initial(config, 0).unwrap() }.write(&path).unwrap();
+    let config = Config { correction: Correction::Weights(path), ..plane_sweep(800) };
+    for exposure in [Exposure::AsPhotographed, Exposure::Common] {
+        let (_, corrector, refined) = refined(&Config { exposure, ..config.clone() }, 2);
+        assert_eq!(corrector.corrected(refined.clone(), &COURTYARD.0).unwrap(), refined);
+        assert!(corrector.name().ends_with("untrained.safetensors"));
+    }
+    // The closed form has no features of its own to look at: the backbone is asked for them.
+    let closed = Config { head: Head::ClosedForm, ..config };
+    let (_, corrector, refined) = refined(&closed, 1);
+    let same = corrector.corrected(refined.clone(), &COURTYARD.0).unwrap();
+    assert_eq!(same, refined.with_sh_degree(2).unwrap());
+}
+
+#[test]
+fn values_that_are_not_finite_do_not_spread() {
+    let (_, corrector, mut refined) = refined(&corrected_config(600), 1);
+    refined.buffers_mut().0[..Gaussians::GEOMETRY].fill(f32::NAN);
+    refined.buffers_mut().0[Gaussians::GEOMETRY] = f32::INFINITY;
+    let corrected = corrector.corrected(refined, &COURTYARD.0).unwrap();
+    let (rows, sh) = (&corrected.geometry()[2 * Gaussians::GEOMETRY..], &corrected.sh()[2 * 27..]);
+    assert!(rows.iter().chain(sh).all(|v| v.is_finite()));
+}
+
+#[test]
+fn where_gaussians_have_no_anchors_there_is_none() {
+    let merged = Config { allocation: Allocation::Merged, ..corrected_config(500) };
+    assert!(run(&COURTYARD.0, &merged).corrector.is_none());
+    let measured = Config { correction: Correction::Default, ..given_depth(500) };
+    assert!(run(&COURTYARD.0, &measured).corrector.is_none(), "it was trained on stereo");
+    let named = Config { correction: Correction::Weights("w".into()), ..merged };
+    assert!(matches!(predict(&COURTYARD.0, &named), Err(Error::NothingToCorrect)));
+    let missing =
+        Config { correction: Correction::Weights("missing.safetensors".into()), ..given_depth(500) };
+    let error = predict(&COURTYARD.0, &missing).unwrap_err().to_string();
+    assert!(error.contains("missing.safetensors"), "{error}");
+}
