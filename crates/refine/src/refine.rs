@@ -351,7 +351,7 @@ fn is_sound(gradients: &[f32]) -> bool {
 
 /// The scene without what cannot be seen in any view: too transparent to be drawn, or not finite; and which of its Gaussians these were, ascending.
 #[must_use]
-pub fn prune(gaussians: Gaussians) -> (Gaussians, Vec<u32>) {
+pub fn prune(mut gaussians: Gaussians) -> (Gaussians, Vec<u32>) {
     let threshold = RenderSettings::default().alpha_min;
     let visible = |row: &[f32], sh: &[f32]| {
         row.iter().chain(sh).all(|v| v.is_finite()) && sigmoid(row[gs_scene::OPACITY_LOGIT]) >= threshold
@@ -360,16 +360,7 @@ pub fn prune(gaussians: Gaussians) -> (Gaussians, Vec<u32>) {
     let rows = gaussians.geometry().chunks_exact(Gaussians::GEOMETRY);
     let rows = (0u32..).zip(rows.zip(gaussians.sh().chunks_exact(per_gaussian)));
     let pruned: Vec<u32> = rows.filter(|(_, (row, sh))| !visible(row, sh)).map(|(i, _)| i).collect();
-    if pruned.is_empty() {
-        return (gaussians, pruned);
-    }
-    let keep = |values: &[f32], width: usize| -> Vec<f32> {
-        let mut next = pruned.iter().copied().peekable();
-        let rows = (0u32..).zip(values.chunks_exact(width));
-        rows.filter(|(i, _)| next.next_if_eq(i).is_none()).flat_map(|(_, row)| row.iter().copied()).collect()
-    };
-    let degree = gaussians.sh_degree();
-    let geometry = keep(gaussians.geometry(), Gaussians::GEOMETRY);
-    let sh = keep(gaussians.sh(), per_gaussian);
-    (Gaussians::new(degree, geometry, sh).expect("as many rows in both"), pruned)
+    let mut next = pruned.iter().peekable();
+    gaussians.retain(|i| next.next_if(|&&pruned| pruned as usize == i).is_none());
+    (gaussians, pruned)
 }
