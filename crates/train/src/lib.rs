@@ -12,6 +12,7 @@ mod loss;
 mod net;
 mod ops;
 mod photographs;
+mod prepared;
 mod ranks;
 mod recolour;
 mod sources;

@@ -2,25 +2,24 @@
 
 use crate::adam::{Adam, Taken};
 use crate::checkpoint::{self, Progress};
-use crate::disturb::disturbed;
-use crate::draw::{Stream, bits, some, unit};
+use crate::draw::{Stream, some};
 use crate::loss::{Loss, clipped_mse};
 use crate::net::Net;
 use crate::ops::{Decode, Render, gaussians, lock, rows, values};
-use crate::recolour::recoloured;
-use crate::{Case, Cases, Config, Error, Ranks, Result, photographs};
+use crate::prepared::{Prepared, RefinedScenes, anchored, prepared};
+use crate::{Cases, Config, Error, Ranks, Result, photographs};
 use attn_head::{LAST_LAYER, Layout, OUTPUTS, Weights};
 use candle_core::{Device, Tensor, Var};
 use gs_raster::{Rasterizer, RenderSettings, near_plane};
 use gs_scene::View;
 use image_metrics::Lpips;
 use serde::Serialize;
+use sparsesplat::Anchored;
 use sparsesplat::learned::{
     BY_DIRECTION, COVISIBLE, FEATURES, PARAMETRISATION, Parametrisation, corrector_features,
     geometry_features, image_features,
 };
-use sparsesplat::{Anchored, Budget, Stages, anchor};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -43,15 +42,7 @@ pub struct Trainer {
     ranks: Arc<Ranks>,
     /// Whether the ranks are known to do the same.
     agreed: bool,
-    /// Of a corrector's run the latest refined scene of each window, and its generation.
-    kept: Mutex<HashMap<usize, (usize, Arc<Prepared>)>>,
-}
-
-/// A window with its anchors, ready for the head.
-#[derive(Debug)]
-struct Prepared {
-    case: Case,
-    anchored: Anchored,
+    scenes: RefinedScenes,
 }
 
 /// What a step did.
@@ -136,7 +127,7 @@ impl Trainer {
             rendering: RenderSettings::default(),
             ranks: Arc::new(Ranks::alone()),
             agreed: false,
-            kept: Mutex::default(),
+            scenes: RefinedScenes::default(),
             config,
             cases,
         })
@@ -349,7 +340,7 @@ impl Trainer {
     /// Loss and gradient of the `index`-th pass of the run.
     fn pass(&self, index: usize) -> Result<Pass> {
         let seed = self.config.seed;
-        let prepared = self.prepared(index)?;
+        let prepared = prepared(&self.config, &self.cases, &self.scenes, index)?;
         let Prepared { case, anchored } = &*prepared;
         let targets = some(seed, Stream::Target, index, case.targets.len(), self.config.targets);
         let contexts = some(seed, Stream::Context, index, case.context.len(), self.config.contexts);
@@ -404,41 +395,6 @@ impl Trainer {
         Ok(Pass { loss: value, clipped_mse: mse, gaussians: anchored.counts.total, gradient })
     }
 
-    /// The window of the `index`-th pass of the run. A refined scene serves several passes; which ones does not depend on where a run was
-    /// resumed.
-    fn prepared(&self, index: usize) -> Result<Arc<Prepared>> {
-        let window = self.cases.drawn(self.config.seed, index);
-        if self.config.refined.is_empty() {
-            return Ok(Arc::new(self.prepare(window, index)?));
-        }
-        let generation = index / (self.config.reuse * self.cases.len());
-        let known = lock(&self.kept).get(&window).filter(|(made, _)| *made == generation).cloned();
-        if let Some((_, prepared)) = known {
-            return Ok(prepared);
-        }
-        let prepared = Arc::new(self.prepare(window, generation * self.cases.len() + window)?);
-        lock(&self.kept).insert(window, (generation, Arc::clone(&prepared)));
-        Ok(prepared)
-    }
-
-    /// A window as the `draw`-th draw of all that is random has it.
-    fn prepare(&self, window: usize, draw: usize) -> Result<Prepared> {
-        let seed = self.config.seed;
-        let case = self.cases.read(window)?;
-        let mut case = recoloured(case, self.config.recolour, bits(seed, Stream::Colours, draw))?;
-        let disturbance = bits(seed, Stream::Disturbance, draw);
-        case.geometry.views = disturbed(case.geometry.views, self.config.depth_error, disturbance)?;
-        let [low, high] = self.config.density;
-        let density = low * (high / low).powf(unit(seed, Stream::Density, draw));
-        let mut anchored = self.anchored(&case, density, bits(seed, Stream::Sampling, draw))?;
-        if !self.config.refined.is_empty() {
-            let choice = bits(seed, Stream::Refined, draw) % self.config.refined.len() as u64;
-            let steps = self.config.refined[choice as usize];
-            anchored = anchored.predicted_and_refined(&case.geometry.views, steps)?;
-        }
-        Ok(Prepared { case, anchored })
-    }
-
     /// Rows of Gaussians after the looks that the configuration asks for. What these change is a constant to the gradient.
     fn looked(&self, anchored: &Anchored, made: Tensor) -> Result<Tensor> {
         if self.config.looks < 2 {
@@ -450,24 +406,6 @@ impl Trainer {
         Ok((&made + Tensor::from_vec(change, made.shape(), made.device())?)?)
     }
 
-    fn anchored(&self, case: &Case, density: f64, seed: u64) -> Result<Anchored> {
-        let pixels: usize = case.context.iter().map(|view| view.image().data().len() / 3).sum();
-        let usual = sparsesplat::Config::default();
-        let config = sparsesplat::Config {
-            allocation: self.config.allocation,
-            budget: Budget::Gaussians(((pixels as f64 * density) as usize).max(1)),
-            sampler: self.config.sampler,
-            // The included heads were trained without this factor; training with it was not measured.
-            // A corrector meets scenes as they are made by default. Heads are trained on the paper's sampling.
-            smooth_weight: if self.config.refined.is_empty() { 1.0 } else { usual.smooth_weight },
-            neighbours: self.config.neighbours,
-            seed,
-            ..usual
-        };
-        let covisible = self.config.covisible;
-        Ok(anchor(&case.context, &case.geometry, &config, covisible, &mut Stages::new(&mut |_| {}))?)
-    }
-
     /// Held-out PSNR of the head and of the closed form, after the looks of the configuration, on the targets of `cases`, at one density; `look` is given each
     /// target with what head and closed form make of it.
     ///
@@ -477,7 +415,7 @@ impl Trainer {
         let mut sums = [0.0; 2];
         for index in 0..cases.len() {
             let case = cases.read(index)?;
-            let mut anchored = self.anchored(&case, density, self.config.seed)?;
+            let mut anchored = anchored(&self.config, &case, density, self.config.seed)?;
             if let Some(&steps) = self.config.refined.first() {
                 anchored = anchored.predicted_and_refined(&case.geometry.views, steps)?;
             }

@@ -290,11 +290,10 @@ fn a_corrector_is_trained_on_refined_scenes_and_resumed_to_the_bit() {
     let head = trainer(Config { refined: Vec::new(), ..config.clone() });
     let of_head = head.validate(&head.cases, 0.05, &mut |_| {}).unwrap();
     assert!(score.psnr > of_head.psnr + 0.5, "{score:?}, closed form {of_head:?}");
-    let generation = |run: &Trainer| lock(&run.kept).values().next().map(|(made, _)| *made);
     let mut weights = Vec::new();
     for step in 0..3 {
         unbroken.step().unwrap();
-        assert_eq!(generation(&unbroken), Some(step / 2));
+        assert_eq!(unbroken.scenes.generations(), [step / 2]);
         weights.push(unbroken.weights.clone());
     }
     assert_ne!(weights[0], weights[2], "something was learnt");
@@ -341,7 +340,7 @@ fn a_run_may_begin_with_the_weights_of_another() {
         let mut run = trainer(Config { keep_direction, ..Config::default() }, folder.path());
         run.start_from(&[named(recipe.clone())]).unwrap();
         let case = run.cases.read(0).unwrap();
-        let anchored = run.anchored(&case, 0.02, 0).unwrap();
+        let anchored = anchored(&run.config, &case, 0.02, 0).unwrap();
         let inputs =
             anchored.inputs(run.config.head, &case.geometry.views, &anchored.feedback(true).unwrap());
         attn_head::Head::new(run.weights()).unwrap().run(&inputs.as_inputs()).unwrap()
