@@ -198,9 +198,11 @@ pub struct WindowFigures {
 pub struct CurvePoint {
     /// Steps done.
     pub step: usize,
-    /// Time they took.
+    /// Whether the scene was corrected after them.
+    pub corrected: bool,
+    /// Time that all of it took.
     pub seconds: f64,
-    /// Mean PSNR over the context views, dB; of each the newest that is known.
+    /// Mean PSNR over the context views, dB; of each the newest that is known. Of a corrected scene it is measured with all exposures as they are.
     pub psnr_context: f64,
     /// Mean PSNR over the held-out targets, dB.
     pub psnr_held_out: f64,

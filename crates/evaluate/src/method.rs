@@ -85,7 +85,13 @@ impl Method {
         let mut problem = None;
         if self.curve {
             let psnr_held_out = held_out(&scene, rasterizer)?;
-            curve.push(CurvePoint { step: 0, seconds: 0.0, psnr_context: f64::NAN, psnr_held_out });
+            curve.push(CurvePoint {
+                step: 0,
+                corrected: false,
+                seconds: 0.0,
+                psnr_context: f64::NAN,
+                psnr_held_out,
+            });
         }
         let mut refined = refine::refine(scene, &exposed, &config, rasterizer, &mut |step| {
             let record = step.record;
@@ -94,6 +100,7 @@ impl Method {
                 match held_out(step.gaussians, step.rasterizer) {
                     Ok(psnr_held_out) => curve.push(CurvePoint {
                         step: record.step,
+                        corrected: false,
                         seconds: record.seconds,
                         psnr_context: record.psnr_context,
                         psnr_held_out,
@@ -115,6 +122,7 @@ impl Method {
         {
             curve.push(CurvePoint {
                 step: last.step,
+                corrected: false,
                 seconds: last.seconds,
                 psnr_context: last.psnr_context,
                 psnr_held_out: held_out(&refined.gaussians, rasterizer)?,
@@ -138,6 +146,7 @@ impl Method {
             }
             curve.push(CurvePoint {
                 step: refined.report.steps.len(),
+                corrected: true,
                 seconds: refined.report.seconds,
                 psnr_context,
                 psnr_held_out: held_out(&refined.gaussians, rasterizer)?,

@@ -36,12 +36,14 @@ pub fn refinement_plot(windows: &[WindowRow]) -> String {
 
 /// Mean of curves at the steps that all of them have.
 fn mean_curve(curves: &[&[CurvePoint]]) -> Vec<CurvePoint> {
-    let mean_point = |step: usize| {
-        let points = curves.iter().map(|curve| curve.iter().find(|point| point.step == step));
+    let mean_point = |step: usize, corrected: bool| {
+        let alike = |point: &&CurvePoint| (point.step, point.corrected) == (step, corrected);
+        let points = curves.iter().map(|curve| curve.iter().find(alike));
         let points: Vec<&CurvePoint> = points.collect::<Option<_>>()?;
         let average = |value: fn(&CurvePoint) -> f64| mean(points.iter().map(|point| value(point)));
         Some(CurvePoint {
             step,
+            corrected,
             seconds: average(|p| p.seconds),
             psnr_context: average(|p| p.psnr_context),
             psnr_held_out: average(|p| p.psnr_held_out),
@@ -51,7 +53,7 @@ fn mean_curve(curves: &[&[CurvePoint]]) -> Vec<CurvePoint> {
         .first()
         .into_iter()
         .flat_map(|curve| curve.iter())
-        .filter_map(|point| mean_point(point.step))
+        .filter_map(|point| mean_point(point.step, point.corrected))
         .collect()
 }
 
@@ -87,6 +89,7 @@ mod tests {
         let point = |(i, &psnr_held_out): (usize, &f64)| CurvePoint {
             step: i,
             seconds: i as f64,
+            corrected: false,
             psnr_context: 0.0,
             psnr_held_out,
         };
@@ -115,6 +118,12 @@ mod tests {
     #[test]
     fn curves_of_different_lengths_are_averaged_as_far_as_all_go() {
         let (a, b) = (window("a/0", &[20.0, 22.0, 23.0]), window("a/1", &[18.0, 20.0]));
+        // A corrected scene has a point of its own beside that of its last step.
+        let mut corrected = window("fox/0", &[20.0, 22.0, 23.0]);
+        let curve = &mut corrected.seeds[0].refinement.as_mut().unwrap().curve;
+        (curve[2].step, curve[2].corrected) = (curve[1].step, true);
+        let found = mean_curve(&[curve, curve]);
+        assert_eq!(found.iter().map(|p| p.psnr_held_out).collect::<Vec<_>>(), [20.0, 22.0, 23.0]);
         let curve = |w: &WindowRow| w.seeds[0].refinement.as_ref().unwrap().curve.clone();
         let mean = mean_curve(&[&curve(&a), &curve(&b)]);
         assert_eq!(mean.iter().map(|p| p.psnr_held_out).collect::<Vec<_>>(), [19.0, 21.0]);

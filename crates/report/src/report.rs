@@ -168,7 +168,8 @@ fn in_words(window: &Window, outcome: &Outcome) -> String {
     }
     if let Some(refinement) = &outcome.figures.refinement {
         let (steps, seconds) = (refinement.report.steps.len(), refinement.report.seconds);
-        let _ = write!(text, "; refined in {steps} steps, {}", duration(seconds));
+        let corrected = if refinement.corrected.is_some() { " and corrected" } else { "" };
+        let _ = write!(text, "; refined in {steps} steps{corrected}, {}", duration(seconds));
         if figures.psnr_held_out_feed_forward.is_finite() {
             let _ = write!(text, ", from {} dB", decibel(figures.psnr_held_out_feed_forward));
         }

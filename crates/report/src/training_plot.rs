@@ -8,7 +8,7 @@ use report_parts::chart::{
 /// Steps that a point of the loss is the mean of: single steps see single windows.
 const WINDOW: usize = 50;
 
-/// Loss over steps (means of 50), and below it how far the head is above the closed form on held-out views: a line of
+/// Loss over steps (means of 50), and below it how far the head is above the closed form on held-out views, or a corrector above the refined scenes: a line of
 /// (step, dB) per name.
 #[must_use]
 pub fn training_plot(loss: &[(f64, f64)], gains: &[(String, Vec<(f64, f64)>)]) -> String {
@@ -38,7 +38,7 @@ fn draw(area: &Area<'_>, loss: &[(f64, f64)], gains: &[(String, Vec<(f64, f64)>)
     let mut upper = panel(0, range(loss.iter().map(|p| p.1), 0.08), "loss, means of 50 steps")?;
     upper.draw_series(LineSeries::new(loss.iter().copied(), style(COLOURS[0], 2)))?;
     let values = gains.iter().flat_map(|(_, points)| points).map(|p| p.1).chain([0.0]);
-    let mut lower = panel(1, range(values, 0.08), "held-out PSNR above the closed form, dB")?;
+    let mut lower = panel(1, range(values, 0.08), "held-out PSNR above what it starts from, dB")?;
     let mut names = Names::new();
     for (i, (name, points)) in gains.iter().enumerate() {
         line(&mut lower, &mut names, name, points, style(COLOURS[i % COLOURS.len()], 2), 3)?;

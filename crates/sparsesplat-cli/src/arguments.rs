@@ -252,6 +252,12 @@ impl Pipeline {
         let rates = Rates { pose, ..Rates::default() };
         let coarse = if self.refine_poses { POSE_COARSE } else { 0.0 };
         let predict = self.config(seed)?;
+        if self.corrector == Correction::Default && !predict.has_corrector() {
+            given.refuse(
+                &["corrector"],
+                "the default one corrects Gaussians that have an anchor of their own, with --backbone plane-sweep",
+            )?;
+        }
         Ok(match stop {
             None => Method::feed_forward(predict),
             Some(stop) => {
@@ -259,6 +265,19 @@ impl Pipeline {
                 Method::refined(predict, refine, self.corrector.clone())
             }
         })
+    }
+
+    /// The files that are named.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+        self.source.files().chain(self.corrector_file().map(PathBuf::as_path))
+    }
+
+    /// The weights of the corrector, if they are in a file.
+    pub(crate) fn corrector_file(&self) -> Option<&PathBuf> {
+        match &self.corrector {
+            Correction::Weights(path) => Some(path),
+            Correction::Off | Correction::Default => None,
+        }
     }
 
     /// Refuses settings that the others leave without an effect.
@@ -282,16 +301,6 @@ impl Pipeline {
         }
         if self.source.backbone != BackboneName::PlaneSweep {
             given.refuse(&["filled-weight"], "only the stereo of --backbone plane-sweep fills depth in")?;
-        }
-        if self.corrector == Correction::Default
-            && (self.source.backbone != BackboneName::PlaneSweep
-                || self.head == HeadName::DepthSplat
-                || self.allocation == AllocationName::Merged)
-        {
-            given.refuse(
-                &["corrector"],
-                "the default one corrects Gaussians that have a pixel of their own, on --backbone plane-sweep",
-            )?;
         }
         if self.head == HeadName::DepthSplat {
             given.refuse(&["neighbours"], "--head depthsplat looks at no neighbours")?;

@@ -92,9 +92,8 @@ pub(crate) fn run(arguments: &Arguments, common: &Common) -> Outcome {
     let planned = arguments.source.plan(arguments.dataset, arguments.scenes, depth_hint, &common.given)?;
     let Planned { plans, dropped: unread, reading } = planned;
     outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
-    outputs.spare(
-        arguments.source.files().chain(arguments.pipeline.source.files()).chain(arguments.lpips.paths()),
-    )?;
+    outputs
+        .spare(arguments.source.files().chain(arguments.pipeline.files()).chain(arguments.lpips.paths()))?;
 
     let cache = arguments.cache.clone().map(|folder| GeometryCache { folder });
     if let Some(cache) = &cache {

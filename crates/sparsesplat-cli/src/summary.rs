@@ -139,7 +139,7 @@ pub(crate) fn refinement_line(figures: &WindowFigures) -> Option<String> {
         line += "; stopped, nothing more was gained";
     }
     if let Some(corrected) = corrected {
-        line += &format!("; then corrected, {:.2} s of them", corrected.seconds);
+        line += &format!("; then corrected ({:.2} s of these {:.2} s)", corrected.seconds, report.seconds);
     }
     if !report.poses.is_empty() {
         let largest = report.poses.iter().fold(0.0f64, |largest, change| largest.max(change.degrees));

@@ -16,7 +16,7 @@ use evaluate::Method;
 use scene_windows::{Plan, Reading};
 use serde::Serialize;
 use serde_json::Value;
-use sparsesplat::{Allocation, Budget, Predictor, Wanted};
+use sparsesplat::{Allocation, Budget, Predictor};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use tradeoff::{self, Extent, Header, Journal, Pictures, Point, Shard, Shards, Summary, Sweep, points};
@@ -93,7 +93,7 @@ impl Sweeping {
         }
         let Planned { plans, dropped, reading } = planned;
         outputs.spare(files_of(&plans).iter().map(PathBuf::as_path))?;
-        outputs.spare(self.source.files().chain(self.pipeline.source.files()).chain(self.lpips.paths()))?;
+        outputs.spare(self.source.files().chain(self.pipeline.files()).chain(self.lpips.paths()))?;
         let seeds = self.seeds(extent);
         let points = self.points(extent, allocations, seeds[0], &common.given)?;
         let lpips = self.lpips.read()?;
@@ -104,7 +104,9 @@ impl Sweeping {
             reading,
             seeds: &seeds,
             points: &points,
-            weights_sha256: hash_of(&self.pipeline.source.weights)?,
+            weights_sha256: hash_of(
+                self.pipeline.source.weights.iter().chain(self.pipeline.corrector_file()),
+            )?,
             lpips_sha256: hash_of(self.lpips.files())?,
             device: UsedDevice::of(&rasterizer),
             build: if cfg!(debug_assertions) { "development" } else { "release" },
@@ -216,7 +218,7 @@ impl Sweeping {
                 "a sweep varies the count, and pixel-aligned has none: it is one of the points, --allocation takes another",
             ));
         }
-        let learned = Predictor::new(base.predict.clone()).or_input()?.wanted() == Wanted::DepthAndFeatures;
+        let learned = Predictor::new(base.predict.clone()).or_input()?.has_learned_head();
         Ok(points(&base, allocations, extent, learned, self.dataset == Dataset::Simulated))
     }
 }

@@ -35,13 +35,14 @@ use train::{Cases, Config, Look, Ranks, Score, Trainer};
 ///
 /// Windows are simulated or read; the backbone runs once for each, and --cache keeps the results. Each step draws windows, budgets, pixels and
 /// views by the seed, compares renderings with photographs and updates the weights of the head. --output receives checkpoint.safetensors (for
-/// --resume), weights.safetensors (for --weights of the other commands), log.jsonl, curve.svg and pictures of the validation.
+/// --resume), weights.safetensors (for --weights of the other commands, or --corrector), log.jsonl, curve.svg and pictures of the validation.
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \
     sparsesplat train -o run                                       the paper's head on simulated scenes\n  \
     sparsesplat train -o run --config grid.ron                     the small head: grid.ron is (head: grid)\n  \
     sparsesplat train -o run --resume                              resumes after an interruption, bit for bit\n  \
     sparsesplat train -o run --config mlp.ron --scenes 40\n  \
+    sparsesplat train -o run --config corrector.ron                a corrector: (head: grid, refined: [60, 15], batch: 1, contexts: 0)\n  \
     sparsesplat train -o mean --config none.ron --from a.safetensors --from b.safetensors\n  \
     \x20                                                              the mean of two runs; none.ron is (steps: 0), and for runs without\n  \
     \x20                                                              feedback (steps: 0, feedback: false)\n  \
@@ -279,7 +280,7 @@ impl Run<'_> {
         self.keep(trainer, &mut log)
     }
 
-    /// Holds the head as it is against the closed form on the held-out windows, if there are any.
+    /// Holds the head as it is against the closed form (a corrector against the refined scenes) on the held-out windows, if there are any.
     fn validate(&self, trainer: &Trainer, log: &mut Log, progress: &Progress) -> Outcome {
         let Some((cases, _)) = self.validation else { return Ok(()) };
         let step = trainer.steps();

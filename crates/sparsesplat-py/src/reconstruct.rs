@@ -56,6 +56,8 @@ impl Report {
         dict.set_item("exposure", exposure)?;
         let steps = figures.refinement.as_ref().map(|refinement| refinement.report.steps.len());
         dict.set_item("refine_steps", steps.unwrap_or(0))?;
+        let corrected = figures.refinement.as_ref().and_then(|refinement| refinement.corrected.as_ref());
+        dict.set_item("corrector", corrected.map(|corrected| &corrected.by))?;
         dict.set_item("seconds", self.seconds(py)?)?;
         Ok(dict)
     }
@@ -72,7 +74,7 @@ enum Source {
 #[pyo3(signature = (
     source, gaussians = 40_000, *, tau = None, views = 6, size = None, format = None, backbone = "plane-sweep",
     depth_planes = None, depth_range = None, allocation = "entropy", sampler = "fixed", filled_weight = None, smooth_weight = None, fuse = false, head = "default",
-    weights = None, looks = None, far_shell = true, exposure = "as-photographed", neighbours = 20, refine = 0, corrector = PathBuf::from("default"), seed = 0, device = "auto", progress = None
+    weights = None, looks = None, far_shell = true, exposure = "as-photographed", neighbours = 20, refine = 0, corrector = None, seed = 0, device = "auto", progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "those of the command, by name")]
 pub(crate) fn reconstruct(
@@ -98,7 +100,7 @@ pub(crate) fn reconstruct(
     exposure: &str,
     neighbours: usize,
     refine: usize,
-    corrector: PathBuf,
+    corrector: Option<PathBuf>,
     seed: u64,
     device: &str,
     progress: Option<&Bound<'_, PyAny>>,
@@ -126,10 +128,14 @@ pub(crate) fn reconstruct(
         correction: Correction::Off,
         seed,
     };
-    let correction = match corrector.to_str() {
-        Some("default") => Correction::Default,
-        Some("off") => Correction::Off,
-        _ => Correction::Weights(corrector),
+    if refine == 0 && corrector.is_some() {
+        return Err(PyValueError::new_err("corrector: it corrects a refined scene: expected refine above 0"));
+    }
+    let correction = match corrector {
+        None => Correction::Default,
+        Some(path) if path.as_os_str() == "default" => Correction::Default,
+        Some(path) if path.as_os_str() == "off" => Correction::Off,
+        Some(path) => Correction::Weights(path),
     };
     let method = match refine {
         0 => Method::feed_forward(config),

@@ -21,7 +21,7 @@ const SMALLEST_GAIN: f64 = 0.1;
 const CHUNK: usize = 1024;
 
 /// A photograph's colour less that in the common exposure, as a function of the latter: factor and offset.
-type Change = [f64; 2];
+pub(crate) type Change = [f64; 2];
 
 /// The Gaussians, given in the common exposure, in the `wanted` one; as they are where that is the same or the views do not differ,
 /// else of SH degree 2 or more. `exposure` is what brought each view into the common one.
@@ -58,7 +58,8 @@ pub(crate) fn exposed_as(
     Ok(gaussians)
 }
 
-fn change(ExposureGain { gain, bias }: ExposureGain) -> Change {
+/// What turns a colour in the common exposure into that of the photograph.
+pub(crate) fn change(ExposureGain { gain, bias }: ExposureGain) -> Change {
     let gain = f64::from(gain).max(SMALLEST_GAIN);
     [1.0 / gain - 1.0, -f64::from(bias) / gain]
 }

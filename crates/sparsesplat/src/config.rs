@@ -69,6 +69,18 @@ impl Default for Config {
 }
 
 impl Config {
+    /// Whether each Gaussian is that of an anchor, so that a corrector can change it.
+    #[must_use]
+    pub fn keeps_anchors(&self) -> bool {
+        self.head != Head::DepthSplat && self.allocation != Allocation::Merged
+    }
+
+    /// Whether [`Correction::Default`] corrects anything: this crate's corrector was trained on plane sweeps.
+    #[must_use]
+    pub fn has_corrector(&self) -> bool {
+        self.keeps_anchors() && matches!(self.backbone, Backbone::PlaneSweep { .. })
+    }
+
     /// Whether the settings fit together.
     pub(crate) fn check(&self) -> Result<()> {
         match (self.budget, self.allocation) {
@@ -90,9 +102,7 @@ impl Config {
         if self.head == Head::DepthSplat && self.allocation != Allocation::PixelAligned {
             return Err(Error::OwnHeadAllocation);
         }
-        if matches!(self.correction, Correction::Weights(_))
-            && (self.head == Head::DepthSplat || self.allocation == Allocation::Merged)
-        {
+        if matches!(self.correction, Correction::Weights(_)) && !self.keeps_anchors() {
             return Err(Error::NothingToCorrect);
         }
         if self.head == Head::DepthSplat && self.fuse {
@@ -205,7 +215,7 @@ impl Exposure {
 pub enum Correction {
     /// Nothing.
     Off,
-    /// This crate's corrector, where the backbone is [`Backbone::PlaneSweep`] and every Gaussian has an anchor of its own; else nothing.
+    /// This crate's corrector where [`Config::has_corrector`]; else nothing.
     Default,
     /// A corrector with weights from a file.
     Weights(PathBuf),

@@ -34,9 +34,9 @@ pub enum Error {
     /// Weights that cannot be read, or inputs that a head refuses.
     #[error(transparent)]
     Head(#[from] attn_head::Error),
-    /// A closed form that cannot be rendered for the head's feedback.
+    /// A closed form that cannot be rendered for the head's feedback, or a refined scene for the corrector's.
     #[error(
-        "the closed form cannot be rendered into {view} for the feedback of the learned head (the closed-form head needs none)"
+        "the scene cannot be rendered into {view} for the feedback of the learned head or the corrector (the closed-form head needs none)"
     )]
     Feedback {
         /// Name of the view.
@@ -73,7 +73,7 @@ pub enum Error {
     },
     /// Weights of another version of this crate.
     #[error(
-        "{weights}: wants {found} geometric features per anchor, there are {without}, or {with} with feedback: train it anew"
+        "{weights}: wants {found} geometric features per anchor, there are {without}, or {with} with feedback: train it anew (weights of a corrector are no head)"
     )]
     GeometryFeatures {
         /// The weights.
@@ -97,9 +97,21 @@ pub enum Error {
         /// Features that the weights want.
         found: usize,
     },
+    /// Weights of a corrector that do not change what they see, or see other neighbours.
+    #[error(
+        "{weights}: the metadata say {key} {found:?}: a corrector has the parametrisation correction and no co-visible neighbours"
+    )]
+    CorrectorMetadata {
+        /// The weights.
+        weights: String,
+        /// What is said.
+        key: &'static str,
+        /// Its value.
+        found: String,
+    },
     /// Weights that were trained on the features of another backbone.
     #[error(
-        "{weights}: trained on features {expected:?}, the backbone gives {found:?}: use weights trained with it, or the closed-form head"
+        "{weights}: trained on features {expected:?}, the backbone gives {found:?}: use weights trained with it, or --head closed-form; of a corrector none"
     )]
     OtherFeatures {
         /// The weights.
@@ -138,6 +150,12 @@ pub enum Error {
         "a corrector changes the Gaussian of each anchor: merged Gaussians, and those of DepthSplat's head, have none"
     )]
     NothingToCorrect,
+    /// Colours of a refined scene that no head can make.
+    #[error("a corrector changes colours of SH degree 2 or less, the refined scene has {found}")]
+    CorrectedColours {
+        /// The degree.
+        found: usize,
+    },
     /// DepthSplat's head without the Gaussians that it made.
     #[error("DepthSplat's head is asked for, and the backbone's geometry comes without its Gaussians")]
     NoOwnGaussians,

@@ -64,7 +64,13 @@ impl Predictor {
         &self.config
     }
 
-    /// What the head needs of the backbone.
+    /// Whether the Gaussians are made by a head with weights for the backbone's features.
+    #[must_use]
+    pub fn has_learned_head(&self) -> bool {
+        self.head.is_some()
+    }
+
+    /// What head and corrector need of the backbone.
     #[must_use]
     pub fn wanted(&self) -> Wanted {
         match (&self.config.head, &self.head, &self.corrector) {

@@ -317,12 +317,12 @@ pub fn points(
                     });
                 };
                 add(format!("refine-{steps}"), Correction::Default);
-                if extent.uncorrected() == Some(steps) {
+                if extent.uncorrected() == Some(steps) && config.has_corrector() {
                     add(format!("refine-{steps}-uncorrected"), Correction::Off);
                 }
             }
         }
-        Some(_) if config.correction != Correction::Off => {
+        Some(_) if corrects(config) => {
             all.vary(Axis::Refinement, "uncorrected", |config| config.correction = Correction::Off);
         }
         Some(_) => {}
@@ -354,6 +354,15 @@ pub fn points(
     all.all
 }
 
+/// Whether a corrector changes what a refinement makes.
+fn corrects(config: &Config) -> bool {
+    match config.correction {
+        Correction::Off => false,
+        Correction::Default => config.has_corrector(),
+        Correction::Weights(_) => config.keeps_anchors(),
+    }
+}
+
 /// Points as they are collected.
 struct Points<'a> {
     base: &'a Method,
@@ -372,6 +381,11 @@ impl Points<'_> {
         };
         let mut point = Point { label, method: self.base.clone(), cuts: Cuts::default(), shrink: 1 };
         change(&mut point);
+        let (predict, base) = (&mut point.method.predict, &self.base.predict);
+        // Weights of a corrector that fit the base may not fit this.
+        if !predict.has_corrector() && (!predict.keeps_anchors() || predict.backbone != base.backbone) {
+            predict.correction = Correction::Off;
+        }
         let Method { predict, refine, .. } = &point.method;
         point.label.allocation = name_of(predict.allocation);
         point.label.count = match predict.budget {

@@ -25,7 +25,7 @@ pub struct Config {
     /// Empty trains a head. Otherwise a corrector is trained: it sees scenes that the default head and its looks made, refined by one of these
     /// numbers of steps, all equally often. Repeated numbers count repeatedly. Validation takes the first.
     pub refined: Vec<usize>,
-    /// Passes over a window between two of its refined scenes, on average: to make one takes longer than a pass.
+    /// How many passes a refined scene serves, on average: to make one takes longer than a pass. The scenes of all windows are kept in memory.
     pub reuse: usize,
     /// Which pixels become anchors.
     pub allocation: Allocation,

@@ -28,7 +28,9 @@ impl RefinedScenes {
     }
 
     fn keep(&self, window: usize, generation: usize, prepared: &Arc<Prepared>) {
-        lock(&self.0).insert(window, (generation, Arc::clone(prepared)));
+        let mut scenes = lock(&self.0);
+        scenes.retain(|_, (made, _)| *made == generation);
+        scenes.insert(window, (generation, Arc::clone(prepared)));
     }
 
     /// Generations of the scenes that are kept.
@@ -49,7 +51,7 @@ pub(crate) fn prepared(
     if config.refined.is_empty() {
         return Ok(Arc::new(prepare(config, cases, window, index)?));
     }
-    let generation = index / (config.reuse * cases.len());
+    let generation = index / config.reuse.saturating_mul(cases.len());
     if let Some(prepared) = scenes.get(window, generation) {
         return Ok(prepared);
     }

@@ -73,7 +73,7 @@ pub struct Score {
     pub density: f64,
     /// Of the head, dB.
     pub psnr: f64,
-    /// Of the closed form, dB.
+    /// Of the closed form, or of the refined scene, dB.
     pub psnr_closed_form: f64,
 }
 
@@ -86,7 +86,7 @@ pub struct Look<'a> {
     pub photograph: &'a View,
     /// The head's rendering.
     pub learned: &'a [f32],
-    /// The closed form's.
+    /// The closed form's, or the refined scene's.
     pub closed_form: &'a [f32],
 }
 

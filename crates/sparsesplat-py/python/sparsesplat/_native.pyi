@@ -101,7 +101,7 @@ def reconstruct(
     exposure: Literal["as-photographed", "common"] = "as-photographed",
     neighbours: int = 20,
     refine: int = 0,
-    corrector: Union[Literal["default", "off"], str, PathLike[str]] = "default",
+    corrector: Union[None, str, PathLike[str]] = None,
     seed: int = 0,
     device: _Device = "auto",
     progress: Optional[Callable[[str, float], object]] = None,

@@ -4,7 +4,8 @@
 //! refined scene as the first head corrects the closed form (docs/refine.md). The paper has neither.
 
 use super::{LearnedHead, Parametrisation};
-use crate::{Allocation, Anchored, Backbone, Config, Correction, Exposure, ExposureGain, Head, Result};
+use crate::harmonics::DEGREE;
+use crate::{Anchored, Config, Correction, Error, Exposure, ExposureGain, Result};
 use attn_head::Weights;
 use depth_backbone::ViewGeometry;
 use gs_scene::{Gaussians, View};
@@ -35,12 +36,14 @@ impl Corrector {
     /// If the weights were trained on other features.
     pub(crate) fn new(
         head: Arc<LearnedHead>,
-        anchored: Anchored,
+        mut anchored: Anchored,
         before: Gaussians,
         (with_features, geometry): (&[ViewGeometry], Vec<ViewGeometry>),
         exposure: Exposure,
     ) -> Result<Self> {
         head.check_features(with_features)?;
+        // Neighbours by co-visibility are the first head's.
+        anchored.gathered = None;
         let exposure = match exposure {
             Exposure::AsPhotographed => anchored.exposure.clone(),
             Exposure::Common => vec![ExposureGain::NONE; anchored.views.len()],
@@ -58,13 +61,16 @@ impl Corrector {
     /// the refinement. The shell stays as it is.
     ///
     /// # Errors
-    /// If the scene cannot be rendered, or has values that are not finite.
+    /// If colours have an SH degree above 2, or the scene cannot be rendered.
     ///
     /// # Panics
     /// If Gaussians or views are missing: pruning comes after this.
     pub fn corrected(&self, refined: Gaussians, views: &[View]) -> Result<Gaussians> {
         if self.anchored.base.is_empty() {
             return Ok(refined);
+        }
+        if refined.sh_degree() > DEGREE {
+            return Err(Error::CorrectedColours { found: refined.sh_degree() });
         }
         let scene = self.anchored.refined(&self.before, &refined, views, &self.exposure)?;
         let feedback = scene.feedback(true)?;
@@ -89,11 +95,7 @@ impl CorrectorWeights {
         match &config.correction {
             Correction::Off => None,
             Correction::Weights(path) => Some(Self::File(path.clone())),
-            Correction::Default => {
-                let known = matches!(config.backbone, Backbone::PlaneSweep { .. });
-                (known && config.head != Head::DepthSplat && config.allocation != Allocation::Merged)
-                    .then_some(Self::Default)
-            }
+            Correction::Default => config.has_corrector().then_some(Self::Default),
         }
     }
 

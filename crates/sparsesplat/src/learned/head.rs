@@ -61,7 +61,7 @@ impl LearnedHead {
             return Err(Error::NotOfCorrector { weights: name, expected, found });
         }
         let head = Self::checked(weights, name, true)?;
-        let refuse = |key, found: String| Error::Metadata { weights: head.name.clone(), key, found };
+        let refuse = |key, found: String| Error::CorrectorMetadata { weights: head.name.clone(), key, found };
         if head.parametrisation != Parametrisation::Correction {
             return Err(refuse(PARAMETRISATION, head.parametrisation.name().to_owned()));
         }
@@ -240,7 +240,10 @@ mod tests {
             let mut other = corrector();
             other.metadata.insert(key.to_owned(), value.to_owned());
             let error = LearnedHead::corrector(other, "w").unwrap_err();
-            assert!(matches!(&error, Error::Metadata { key: found, .. } if *found == key), "{error}");
+            assert!(
+                matches!(&error, Error::CorrectorMetadata { key: found, .. } if *found == key),
+                "{error}"
+            );
         }
     }
 

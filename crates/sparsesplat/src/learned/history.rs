@@ -18,6 +18,7 @@
 //!
 //! None is beyond ±3.
 
+use crate::as_photographed::change;
 use crate::harmonics::{DEGREE, TERMS, basis};
 use crate::{Anchored, ExposureGain, Result};
 use glam::{DVec3, Vec3};
@@ -49,7 +50,7 @@ impl Anchored {
     /// each of them into the common one.
     ///
     /// # Errors
-    /// None that is known.
+    /// Those of `Gaussians::new`, which the asserted lengths exclude.
     ///
     /// # Panics
     /// If a scene has another number of Gaussians or an SH degree above 2, or there is another number of views.
@@ -108,8 +109,11 @@ pub(super) fn history(anchored: &Anchored, history: &History, i: usize) -> [f32;
     };
     let colour = seen(now, now_sh);
     let colour_before = seen(before, before_sh);
-    let ExposureGain { gain, bias } = history.exposure[view];
-    let photographed = |c: usize| (0.5 + SH_C0 * closed_sh[c] - bias) / gain.max(0.1) - 0.5;
+    let [factor, offset] = change(history.exposure[view]).map(|x| x as f32);
+    let photographed = |c: usize| {
+        let common = 0.5 + SH_C0 * closed_sh[c];
+        common + factor * common + offset - 0.5
+    };
     let length = |values: &mut dyn Iterator<Item = f32>| values.map(|v| v * v).sum::<f32>().sqrt();
 
     let mut scales = [0, 1, 2].map(|k| now[LOG_SCALE.start + k] - spacing.ln());

@@ -32,9 +32,9 @@ fn a_refined_scene_is_better_on_held_out_views_when_it_is_corrected() {
     let (prediction, corrector, refined) = refined(&corrected_config(1500), 30);
     let corrected = corrector.corrected(refined.clone(), &COURTYARD.0).unwrap();
     check_gaussians(&corrected, false);
-    let shell = prediction.counts.total - prediction.counts.shell;
+    let anchors = prediction.counts.total - prediction.counts.shell;
     assert_eq!((corrected.len(), corrected.sh_degree()), (refined.len(), 2));
-    let rows = Gaussians::GEOMETRY * shell;
+    let rows = Gaussians::GEOMETRY * anchors;
     assert_eq!(corrected.geometry()[rows..], refined.geometry()[rows..], "the shell stays");
     assert_ne!(corrected.geometry()[..rows], refined.geometry()[..rows]);
     let [before, after] = [&refined, &corrected].map(|scene| held_out(scene, &prediction));
@@ -67,6 +67,42 @@ fn one_without_training_leaves_the_scene_as_it_is() {
     let (_, corrector, refined) = refined(&closed, 1);
     let same = corrector.corrected(refined.clone(), &COURTYARD.0).unwrap();
     assert_eq!(same, refined.with_sh_degree(2).unwrap());
+}
+
+#[test]
+fn photographs_of_other_exposures_and_moved_cameras_are_corrected_as_well() {
+    let mut views = COURTYARD.0.clone();
+    views[1].image_mut().data_mut().iter_mut().for_each(|value| *value *= 0.7);
+    let prediction = predict(&views, &corrected_config(1500)).unwrap();
+    assert!(prediction.exposure.iter().any(|&view| view != ExposureGain::NONE));
+    let corrector = prediction.corrector.as_ref().unwrap();
+    let settings = refine::Config {
+        stop: refine::Stop::Steps(20),
+        rates: refine::Rates { pose: 0.1, ..refine::Rates::default() },
+        prune: false,
+        exposure: false,
+        ..refine::Config::default()
+    };
+    let scene = prediction.gaussians.clone();
+    let refined = refine::refine(scene, &views, &settings, &mut Rasterizer::cpu(), &mut |_| {}).unwrap();
+    let moved = |(view, camera): (&View, &Camera)| {
+        View::new(view.name(), view.image().clone(), *camera, None).unwrap()
+    };
+    let moved: Vec<View> = views.iter().zip(&refined.cameras).map(moved).collect();
+    let corrected = corrector.corrected(refined.gaussians.clone(), &moved).unwrap();
+    check_gaussians(&corrected, false);
+    // The dark photograph stays dark: what is seen from its camera changes by little.
+    let shown = |gaussians: &Gaussians| {
+        let scene = Prediction { gaussians: gaussians.clone(), ..prediction.clone() };
+        image_metrics::psnr(&draw(&scene, &moved[1]), views[1].image()).unwrap()
+    };
+    let [before, after] = [&refined.gaussians, &corrected].map(shown);
+    assert!((before - after).abs() < 2.5, "{before} {after}");
+    assert_ne!(corrected, corrector.corrected(refined.gaussians, &views).unwrap(), "cameras count");
+    // A degree that no head makes.
+    let richer = corrected.with_sh_degree(3).unwrap();
+    let error = corrector.corrected(richer, &moved).unwrap_err();
+    assert!(matches!(error, Error::CorrectedColours { found: 3 }), "{error}");
 }
 
 #[test]
