@@ -471,23 +471,6 @@ fn weights_say_what_their_outputs_mean_and_which_neighbours_they_saw() {
 }
 
 #[test]
-fn a_corrector_of_nothing_or_of_what_goes_on_is_refused() {
-    let corrector = Config { refined: vec![60], ..Config::default() };
-    assert!(corrector.check().is_ok());
-    for wrong in [
-        Config { refined: vec![60, 0], ..Config::default() },
-        Config { reuse: 0, ..Config::default() },
-        Config { looks: 2, ..corrector.clone() },
-        Config { feedback: false, ..corrector.clone() },
-        Config { covisible: 3, ..corrector.clone() },
-        Config { parametrisation: Parametrisation::Paper, ..corrector },
-    ] {
-        let error = wrong.check().unwrap_err().to_string();
-        assert!(error.contains("refined"), "{error}");
-    }
-}
-
-#[test]
 fn settings_out_of_range_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let cases = trainer(Config::default(), folder.path()).cases;
