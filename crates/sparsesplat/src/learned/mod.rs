@@ -25,7 +25,7 @@ use attn_head::Kind;
 use depth_backbone::ViewGeometry;
 
 impl Anchored {
-    /// What rendering the closed form into the views says of each anchor: `[n, 24]`, or nothing where it is not `wanted`.
+    /// What rendering the closed form (of a refined scene its Gaussians) into the views says of each anchor: `[n, 24]`, or nothing where it is not `wanted`.
     ///
     /// # Errors
     /// If the closed form cannot be rendered.
