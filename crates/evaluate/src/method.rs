@@ -11,7 +11,7 @@ use refine::Refined;
 use scene_windows::{GeometryCache, Plan, Window};
 use serde::Serialize;
 use sparsesplat::learned::Corrector;
-use sparsesplat::{Config, Correction, Exposure, Prediction};
+use sparsesplat::{Config, Prediction};
 use std::time::Instant;
 
 /// Photographs to Gaussians.
@@ -20,7 +20,7 @@ pub struct Method {
     /// The pass.
     #[serde(flatten)]
     pub predict: Config,
-    /// Steps on the context views afterwards; none leaves the result of the pass. The steps are followed by the correction of the pass's configuration.
+    /// Steps on the context views afterwards, before the correction of the pass; none leaves the result of the pass.
     pub refine: Option<refine::Config>,
     /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is
     /// measured. The curve then goes on to the last step: nothing stops early.
@@ -37,10 +37,10 @@ impl Method {
         Self { predict, refine: None, curve: false, cache: None }
     }
 
-    /// The pass, then a refinement, then a correction.
+    /// The pass up to its correction, then a refinement, then the correction.
     #[must_use]
-    pub fn refined(predict: Config, refine: refine::Config, correction: Correction) -> Self {
-        Self { refine: Some(refine), ..Self::feed_forward(Config { correction, ..predict }) }
+    pub fn refined(predict: Config, refine: refine::Config) -> Self {
+        Self { refine: Some(refine), ..Self::feed_forward(Config { refined_later: true, ..predict }) }
     }
 
     /// This method on a window: with its depth range where the plan has one, and with a seed.
@@ -75,11 +75,8 @@ impl Method {
         let corrector = prediction.corrector.take();
         let prune = std::mem::replace(&mut config.prune, false);
         // In the exposure of the Gaussians.
-        let mut exposed: Vec<View> = window.context.clone();
+        let mut exposed = self.predict.exposure.views(&window.context, &prediction.exposure).into_owned();
         config.exposure &= self.predict.exposure.is_fitted_by_view();
-        if self.predict.exposure == Exposure::Common {
-            exposed.iter_mut().zip(&prediction.exposure).for_each(|(view, exposure)| exposure.apply(view));
-        }
         let scene = std::mem::replace(&mut prediction.gaussians, Gaussians::empty(0)?);
         let mut curve = Vec::new();
         let mut problem = None;
@@ -128,12 +125,8 @@ impl Method {
                 psnr_held_out: held_out(&refined.gaussians, rasterizer)?,
             });
         }
-        let corrected = match corrector {
-            Some(corrector) if !refined.report.steps.is_empty() => {
-                Some(correct(&corrector, &mut refined, &mut exposed)?)
-            }
-            _ => None,
-        };
+        let corrected =
+            corrector.map(|corrector| correct(&corrector, &mut refined, &mut exposed)).transpose()?;
         if prune {
             let scene = std::mem::replace(&mut refined.gaussians, Gaussians::empty(0)?);
             (refined.gaussians, refined.report.pruned) = refine::prune(scene);
@@ -153,6 +146,7 @@ impl Method {
             });
         }
         prediction.counts = prediction.counts.without(&refined.report.pruned);
+        prediction.corrected_by = corrected.as_ref().map(|corrected| corrected.by.clone());
         prediction.gaussians = refined.gaussians;
         Ok(Some(Refinement { report: refined.report, corrected, curve, cameras: refined.cameras }))
     }

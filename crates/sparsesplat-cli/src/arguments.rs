@@ -90,6 +90,9 @@ pub(crate) struct Pipeline {
     /// Looks at the photographs: 1 is the head alone; each further look renders all of them and takes a few gradient steps
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = Config::default().looks)]
     pub(crate) looks: usize,
+    /// What corrects the scene at the end: default (a small trained head, with --backbone plane-sweep), off, or a file with weights
+    #[arg(long, value_name = "CORRECTOR", value_parser = correction, default_value = "default", hide_short_help = true)]
+    pub(crate) corrector: Correction,
     /// Neighbours of each anchor
     #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20, hide_short_help = true)]
     pub(crate) neighbours: usize,
@@ -115,9 +118,6 @@ pub(crate) struct Pipeline {
     /// With refinement: change poses and focal lengths of the photographs too, for those that are estimates
     #[arg(long, help_heading = "Refinement", hide_short_help = true)]
     pub(crate) refine_poses: bool,
-    /// What corrects the scene after the steps: default (a small trained head, with --backbone plane-sweep), off, or a file with weights
-    #[arg(long, value_name = "CORRECTOR", value_parser = correction, default_value = "default", help_heading = "Refinement", hide_short_help = true)]
-    pub(crate) corrector: Correction,
 }
 
 /// The weights of LPIPS.
@@ -246,25 +246,25 @@ impl Pipeline {
         };
         if stop.is_none() {
             given.refuse(&["refine-poses"], "cameras are moved by refinement: give --refine STEPS")?;
-            given.refuse(&["corrector"], "it corrects a refined scene: give --refine STEPS")?;
         }
         let pose = if self.refine_poses { POSE_RATE } else { 0.0 };
         let rates = Rates { pose, ..Rates::default() };
         let coarse = if self.refine_poses { POSE_COARSE } else { 0.0 };
         let predict = self.config(seed)?;
-        if self.corrector == Correction::Default && !predict.has_corrector() {
-            given.refuse(
-                &["corrector"],
-                "the default one corrects Gaussians that have an anchor of their own, with --backbone plane-sweep",
-            )?;
-        }
-        Ok(match stop {
+        let method = match stop {
             None => Method::feed_forward(predict),
             Some(stop) => {
                 let refine = refine::Config { stop, seed, rates, coarse, ..refine::Config::default() };
-                Method::refined(predict, refine, self.corrector.clone())
+                Method::refined(predict, refine)
             }
-        })
+        };
+        if self.corrector == Correction::Default && !method.predict.has_corrector() {
+            given.refuse(
+                &["corrector"],
+                "the default one corrects Gaussians of --backbone plane-sweep that have an anchor of their own and a head with weights, after several looks or a refinement",
+            )?;
+        }
+        Ok(method)
     }
 
     /// The files that are named.
@@ -348,7 +348,8 @@ impl Pipeline {
                 ExposureName::AsPhotographed => Exposure::AsPhotographed,
                 ExposureName::Common => Exposure::Common,
             },
-            correction: Correction::Off,
+            correction: self.corrector.clone(),
+            refined_later: false,
             seed,
         })
     }

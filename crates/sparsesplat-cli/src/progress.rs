@@ -96,6 +96,7 @@ pub(crate) fn describe(step: Step) -> String {
         Step::Predict(Stage::Knn) => "finding neighbours",
         Step::Predict(Stage::Feedback | Stage::Looks) => "comparing with the photographs",
         Step::Predict(Stage::Head | Stage::Decode | Stage::Shell) => "making Gaussians",
+        Step::Predict(Stage::Correction) => "correcting Gaussians",
         Step::Refine { progress, psnr_context } => {
             const WIDTH: usize = 20;
             let done = (progress * WIDTH as f64) as usize;

@@ -13,7 +13,7 @@ use refine::Stop;
 use scene_windows::{Plan, Reading, SIMULATED_SIZE, SimulatedScene, Window, simulated_window};
 use serde::Deserialize;
 use serde::de::value::{Error as Unknown, StrDeserializer};
-use sparsesplat::{Backbone, Budget, Config, Correction, DepthRange, Head};
+use sparsesplat::{Backbone, Budget, Config, Correction, DepthRange, Head, Prediction};
 use std::path::PathBuf;
 use view_data::Format;
 
@@ -22,6 +22,7 @@ use view_data::Format;
 pub(crate) struct Report {
     outcome: evaluate::WindowFigures,
     head: String,
+    corrected_by: Option<String>,
     views: Vec<String>,
     /// What the data set lists and does not use, and why.
     dropped: Vec<(String, String)>,
@@ -56,8 +57,7 @@ impl Report {
         dict.set_item("exposure", exposure)?;
         let steps = figures.refinement.as_ref().map(|refinement| refinement.report.steps.len());
         dict.set_item("refine_steps", steps.unwrap_or(0))?;
-        let corrected = figures.refinement.as_ref().and_then(|refinement| refinement.corrected.as_ref());
-        dict.set_item("corrector", corrected.map(|corrected| &corrected.by))?;
+        dict.set_item("corrector", self.corrected_by.as_ref())?;
         dict.set_item("seconds", self.seconds(py)?)?;
         Ok(dict)
     }
@@ -108,6 +108,12 @@ pub(crate) fn reconstruct(
     let format = format.map(str::parse::<Format>).transpose().or_raise()?;
     let (depth_hint, range) = range(depth_range)?;
     let source = read_source(source, views, Reading { format, size, depth_hint })?;
+    let correction = match corrector {
+        None => Correction::Default,
+        Some(path) if path.as_os_str() == "default" => Correction::Default,
+        Some(path) if path.as_os_str() == "off" => Correction::Off,
+        Some(path) => Correction::Weights(path),
+    };
     let config = Config {
         backbone: read_backbone(backbone, depth_planes)?,
         depth_range: range,
@@ -125,23 +131,15 @@ pub(crate) fn reconstruct(
         looks: looks.unwrap_or(Config::default().looks),
         far_shell,
         exposure: one_of("exposure", exposure)?,
-        correction: Correction::Off,
+        correction,
+        refined_later: false,
         seed,
-    };
-    if refine == 0 && corrector.is_some() {
-        return Err(PyValueError::new_err("corrector: it corrects a refined scene: expected refine above 0"));
-    }
-    let correction = match corrector {
-        None => Correction::Default,
-        Some(path) if path.as_os_str() == "default" => Correction::Default,
-        Some(path) if path.as_os_str() == "off" => Correction::Off,
-        Some(path) => Correction::Weights(path),
     };
     let method = match refine {
         0 => Method::feed_forward(config),
         steps => {
             let refine = refine::Config { stop: Stop::Steps(steps), seed, ..refine::Config::default() };
-            Method::refined(config, refine, correction)
+            Method::refined(config, refine)
         }
     };
     let device = engine::device(device)?;
@@ -160,8 +158,9 @@ pub(crate) fn reconstruct(
             let outcome = Runner::new(method)?.reconstruct(&window, &mut rasterizer, &mut on_step)?;
             let views = window.context.iter().map(|view| view.name().to_owned()).collect();
             let Outcome { figures, prediction, .. } = outcome;
-            let report = Report { outcome: figures, head: prediction.head, views, dropped };
-            Ok::<_, evaluate::Error>(Scene::new(prediction.gaussians, Some(report)))
+            let Prediction { gaussians, head, corrected_by, .. } = prediction;
+            let report = Report { outcome: figures, head, corrected_by, views, dropped };
+            Ok::<_, evaluate::Error>(Scene::new(gaussians, Some(report)))
         })
     })?;
     scene.or_raise()

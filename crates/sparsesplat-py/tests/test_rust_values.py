@@ -66,7 +66,7 @@ def test_the_pass_and_its_scene(rust, tmp_path):
     assert len(scene) == 2_000 == scene.report["gaussians"]
     assert scene.report["per_view"] == rust.facts["counts"]["per_view"]
     assert scene.report["views"] == rust.facts["names"]
-    assert seen[0] == "backbone" and seen[-1] == "looks"
+    assert seen[0] == "backbone" and seen[-1] == "correction"
     assert scene.seconds["total"] >= scene.seconds["backbone"] > 0
     assert expected.report is None and expected.seconds is None
 

@@ -1,7 +1,9 @@
-use crate::{Error, Result};
+use crate::{Error, ExposureGain, Result};
 use depth_backbone::{DepthRange, PlaneSweep};
 use entropy_sampler::Sampler;
+use gs_scene::View;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 /// Everything that decides what a [`crate::Predictor`] makes of a set of views.
@@ -38,9 +40,12 @@ pub struct Config {
     pub far_shell: bool,
     /// In which exposure the scene is.
     pub exposure: Exposure,
-    /// What corrects the scene after a refinement; the pass itself does not change by it. [`Correction::Off`] where none follows: what a corrector
-    /// needs takes memory.
+    /// What corrects the scene once its Gaussians follow the photographs: after the further looks, or after the refinement.
     pub correction: Correction,
+    /// Whether a refinement follows the pass. The correction is then left to it ([`Prediction::corrector`](crate::Prediction::corrector)). JSON
+    /// has the refinement itself.
+    #[serde(skip)]
+    pub refined_later: bool,
     /// Seed of the sampling.
     pub seed: u64,
 }
@@ -62,7 +67,8 @@ impl Default for Config {
             looks: 4,
             far_shell: true,
             exposure: Exposure::AsPhotographed,
-            correction: Correction::Off,
+            correction: Correction::Default,
+            refined_later: false,
             seed: 0,
         }
     }
@@ -75,10 +81,14 @@ impl Config {
         self.head != Head::DepthSplat && self.allocation != Allocation::Merged
     }
 
-    /// Whether [`Correction::Default`] corrects anything: this crate's corrector was trained on plane sweeps.
+    /// Whether [`Correction::Default`] corrects anything. This crate's corrector was trained on plane sweeps, and on scenes that followed the
+    /// photographs for more than one look; the closed form has no weights.
     #[must_use]
     pub fn has_corrector(&self) -> bool {
-        self.keeps_anchors() && matches!(self.backbone, Backbone::PlaneSweep { .. })
+        self.keeps_anchors()
+            && matches!(self.backbone, Backbone::PlaneSweep { .. })
+            && self.head != Head::ClosedForm
+            && (self.looks > 1 || self.refined_later)
     }
 
     /// Whether the settings fit together.
@@ -207,9 +217,19 @@ impl Exposure {
     pub fn is_fitted_by_view(self) -> bool {
         self == Self::Common
     }
+
+    /// The photographs in the exposure of the scene; `exposure` is what brings each into the common one.
+    #[must_use]
+    pub fn views<'a>(self, views: &'a [View], exposure: &[ExposureGain]) -> Cow<'a, [View]> {
+        let mut views = Cow::Borrowed(views);
+        if self == Self::Common && exposure.iter().any(|&view| view != ExposureGain::NONE) {
+            views.to_mut().iter_mut().zip(exposure).for_each(|(view, exposure)| exposure.apply(view));
+        }
+        views
+    }
 }
 
-/// What corrects a scene after its refinement ([`Corrector`](crate::learned::Corrector)).
+/// What corrects a scene after its last look or its refinement ([`Corrector`](crate::learned::Corrector)).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Correction {

@@ -9,7 +9,6 @@ use crate::{Anchored, Config, Error, ExposureGain, Result, Stage, Stages, ViewGe
 use gs_raster::Rasterizer;
 use gs_scene::{Gaussians, View};
 use refine::Stop;
-use std::borrow::Cow;
 
 /// The Gaussians after the looks that the configuration asks for beyond the head's; `exposure` is what brought each view into the common
 /// one.
@@ -23,12 +22,8 @@ pub(crate) fn look(
         return Ok(gaussians);
     }
     stages.run(Stage::Looks, || {
-        let mut views = Cow::Borrowed(views);
         let into_one = differ(exposure) && config.exposure.is_fitted_by_view();
-        if into_one {
-            views.to_mut().iter_mut().zip(exposure).for_each(|(view, exposure)| exposure.apply(view));
-        }
-        rounds_of_steps(gaussians, &views, into_one, config.looks - 1)
+        rounds_of_steps(gaussians, &config.exposure.views(views, exposure), into_one, config.looks - 1)
     })
 }
 
@@ -57,15 +52,19 @@ impl Anchored {
         let mut before = head.gaussians(self, geometry, &mut Stages::new(&mut |_| {}))?;
         before.append(&self.shell.clone().with_sh_degree(before.sh_degree())?);
         let before = self.looked(before, Config::default().looks)?;
-        let settings = refine::Config {
-            stop: Stop::Steps(steps),
-            exposure: differ(&self.exposure),
-            prune: false,
-            ..refine::Config::default()
+        let refined = if steps == 0 {
+            before.clone()
+        } else {
+            let settings = refine::Config {
+                stop: Stop::Steps(steps),
+                exposure: differ(&self.exposure),
+                prune: false,
+                ..refine::Config::default()
+            };
+            refine::refine(before.clone(), &self.views, &settings, &mut Rasterizer::cpu(), &mut |_| {})
+                .map_err(|error| Error::Looks(Box::new(error)))?
+                .gaussians
         };
-        let refined =
-            refine::refine(before.clone(), &self.views, &settings, &mut Rasterizer::cpu(), &mut |_| {});
-        let refined = refined.map_err(|error| Error::Looks(Box::new(error)))?.gaussians;
         self.refined(&before, &refined, &self.views, &vec![ExposureGain::NONE; self.views.len()])
     }
 }

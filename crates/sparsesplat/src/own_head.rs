@@ -50,6 +50,7 @@ pub(crate) fn finish(
         tau: None,
         geometry,
         exposure,
+        corrected_by: None,
         corrector: None,
         depth_range,
         seconds,

@@ -19,7 +19,9 @@ pub struct Prediction {
     pub geometry: Vec<ViewGeometry>,
     /// Gain and bias that brought each view into the common exposure.
     pub exposure: Vec<ExposureGain>,
-    /// What corrects the scene after a refinement, if [`Config::correction`](crate::Config::correction) asks for it.
+    /// What corrected the scene, as reports call it.
+    pub corrected_by: Option<String>,
+    /// What corrects the scene after the refinement, where [`Config::refined_later`](crate::Config::refined_later) leaves that to it.
     pub corrector: Option<Corrector>,
     /// Near and far plane that were used, scene units; for the renderer's near plane and for depth pictures.
     pub depth_range: (f64, f64),

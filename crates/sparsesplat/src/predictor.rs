@@ -1,6 +1,6 @@
 //! The pass: views to Gaussians, with weights that are read once.
 
-use crate::anchored::{Anchored, anchor};
+use crate::anchored::anchor;
 use crate::as_photographed::exposed_as;
 use crate::backbone::{self, Networks};
 use crate::learned::{Corrector, CorrectorWeights, HeadWeights, LearnedHead};
@@ -24,7 +24,7 @@ pub struct Predictor {
     networks: Networks,
     /// None is the closed form, or the backbone's own head.
     head: Option<(HeadWeights, Arc<LearnedHead>)>,
-    /// What corrects a refined scene, if that is asked for.
+    /// What corrects the scene at the end, if that is asked for.
     corrector: Option<(CorrectorWeights, Arc<LearnedHead>)>,
 }
 
@@ -148,25 +148,36 @@ impl Predictor {
         let head = self.head.as_ref().map(|(_, head)| head);
         let covisible = head.map_or(0, |head| head.covisible());
         let anchored = anchor(views, geometry, config, covisible, &mut stages)?;
-        let made = head.map(|head| head.gaussians(&anchored, &geometry.views, &mut stages)).transpose()?;
-        let kept = self.corrector.as_ref().map(|(_, head)| (Arc::clone(head), anchored.clone()));
-        let Anchored { base, shell, mut counts, tau, exposure, spacing, .. } = anchored;
+        let made = match head {
+            Some(head) => head.gaussians(&anchored, &geometry.views, &mut stages)?,
+            None => anchored.base.clone(),
+        };
+        let (exposure, tau) = (anchored.exposure.clone(), anchored.tau);
+        let mut counts = anchored.counts.clone();
         let gaussians = stages.run(Stage::Decode, || {
-            let mut gaussians = made.unwrap_or(base);
+            let (mut gaussians, shell) = (made, &anchored.shell);
             if let (Allocation::Merged, Budget::Gaussians(total)) = (config.allocation, config.budget) {
-                let merged = merge(gaussians, &spacing, total - shell.len())?;
+                let merged = merge(gaussians, &anchored.spacing, total - shell.len())?;
                 counts = counts.without(&merged.absorbed);
                 gaussians = merged.gaussians;
             }
-            gaussians.append(&shell.with_sh_degree(gaussians.sh_degree())?);
+            gaussians.append(&shell.clone().with_sh_degree(gaussians.sh_degree())?);
             exposed_as(config.exposure, gaussians, views, &exposure)
         })?;
-        let gaussians = look(gaussians, (views, &exposure), config, &mut stages)?;
-        let corrector = kept.map(|(head, anchored)| {
+        let mut gaussians = look(gaussians, (views, &exposure), config, &mut stages)?;
+        let (mut corrector, mut corrected_by) = (None, None);
+        if let Some((_, head)) = &self.corrector {
+            let head = Arc::clone(head);
             let geometry = (&*geometry.views, geometry.views.iter().map(plain).collect());
-            Corrector::new(head, anchored, gaussians.clone(), geometry, config.exposure)
-        });
-        let corrector = corrector.transpose()?;
+            let of_scene = Corrector::new(head, anchored, gaussians.clone(), geometry, config.exposure)?;
+            if config.refined_later {
+                corrector = Some(of_scene);
+            } else {
+                corrected_by = Some(of_scene.name().to_owned());
+                let exposed = config.exposure.views(views, &exposure);
+                gaussians = stages.run(Stage::Correction, || of_scene.corrected(gaussians, &exposed))?;
+            }
+        }
         let head = head.map_or(CLOSED_FORM, |head| head.name()).to_owned();
         let (depth_range, seconds) = (geometry.depth_range, stages.seconds());
         Ok(Prediction {
@@ -176,6 +187,7 @@ impl Predictor {
             tau,
             geometry: Vec::new(),
             exposure,
+            corrected_by,
             corrector,
             depth_range,
             seconds,

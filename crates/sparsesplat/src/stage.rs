@@ -30,11 +30,13 @@ pub enum Stage {
     Decode,
     /// Further looks at the views: gradient steps.
     Looks,
+    /// Correction of the scene by a second head.
+    Correction,
 }
 
 impl Stage {
     /// All of them, in the order in which they end.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Backbone,
         Self::Exposure,
         Self::Shell,
@@ -45,6 +47,7 @@ impl Stage {
         Self::Head,
         Self::Decode,
         Self::Looks,
+        Self::Correction,
     ];
 
     /// As in JSON.
@@ -61,6 +64,7 @@ impl Stage {
             Self::Head => "head",
             Self::Decode => "decode",
             Self::Looks => "looks",
+            Self::Correction => "correction",
         }
     }
 }

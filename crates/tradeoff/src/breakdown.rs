@@ -23,7 +23,9 @@ const STAGES: [(&str, Time); 8] = [
     ("knn", |s| s.stages[Stage::Knn]),
     ("feedback", |s| s.stages[Stage::Feedback]),
     ("head, decoding", |s| s.stages[Stage::Head] + s.stages[Stage::Decode]),
-    ("looks, refinement, writing", |s| s.stages[Stage::Looks] + s.refine + s.write),
+    ("looks, correction, refinement, writing", |s| {
+        s.stages[Stage::Looks] + s.stages[Stage::Correction] + s.refine + s.write
+    }),
 ];
 
 const NAME: f64 = 130.0;

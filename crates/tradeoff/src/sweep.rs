@@ -19,6 +19,8 @@ pub enum Axis {
     Head,
     /// How often the pass looks at the photographs through the renderer.
     Looks,
+    /// Whether a second head corrects the scene at the end.
+    Correction,
     /// How pixels are drawn.
     Sampler,
     /// Steps on the photographs after the pass.
@@ -53,6 +55,7 @@ impl Axis {
             Self::Neighbours => "neighbours",
             Self::Head => "head",
             Self::Looks => "looks",
+            Self::Correction => "correction",
             Self::Sampler => "sampler",
             Self::Refinement => "refinement",
             Self::Resolution => "resolution",
@@ -293,6 +296,9 @@ pub fn points(
     for &looks in extent.looks().iter().filter(|&&looks| looks != config.looks) {
         all.vary(Axis::Looks, &format!("looks-{looks}"), |config| config.looks = looks);
     }
+    if corrects(config) {
+        all.vary(Axis::Correction, "uncorrected", |config| config.correction = Correction::Off);
+    }
     let (sampler, name) = match config.sampler {
         Sampler::Fixed => (Sampler::Bernoulli, "bernoulli"),
         Sampler::Bernoulli | Sampler::Systematic => (Sampler::Fixed, "fixed"),
@@ -307,25 +313,23 @@ pub fn points(
         let weight = if config.smooth_weight == 1.0 { Config::default().smooth_weight } else { 1.0 };
         all.vary(Axis::Sampler, &format!("smooth-weight={weight}"), |config| config.smooth_weight = weight);
     }
-    match base.refine {
-        None => {
-            for &steps in extent.refinement() {
-                let refine = refine::Config { stop: Stop::Steps(steps), ..refine::Config::default() };
-                let mut add = |name: String, correction| {
-                    all.add(Axis::Refinement, &name, |point| {
-                        point.method = Method::refined(point.method.predict.clone(), refine, correction);
-                    });
-                };
-                add(format!("refine-{steps}"), Correction::Default);
-                if extent.uncorrected() == Some(steps) && config.has_corrector() {
-                    add(format!("refine-{steps}-uncorrected"), Correction::Off);
-                }
+    if base.refine.is_none() {
+        for &steps in extent.refinement() {
+            let refine = refine::Config { stop: Stop::Steps(steps), ..refine::Config::default() };
+            let refined = Method::refined(config.clone(), refine);
+            let uncorrected =
+                (extent.uncorrected() == Some(steps) && corrects(&refined.predict)).then(|| {
+                    let mut method = refined.clone();
+                    method.predict.correction = Correction::Off;
+                    method
+                });
+            all.add(Axis::Refinement, &format!("refine-{steps}"), |point| point.method = refined);
+            if let Some(method) = uncorrected {
+                all.add(Axis::Refinement, &format!("refine-{steps}-uncorrected"), |point| {
+                    point.method = method;
+                });
             }
         }
-        Some(_) if corrects(config) => {
-            all.vary(Axis::Refinement, "uncorrected", |config| config.correction = Correction::Off);
-        }
-        Some(_) => {}
     }
     all.add(Axis::Resolution, "half-size", |point| point.shrink = 2);
     if let Backbone::PlaneSweep { planes: usual, depth } = &config.backbone {
@@ -354,7 +358,7 @@ pub fn points(
     all.all
 }
 
-/// Whether a corrector changes what a refinement makes.
+/// Whether a corrector changes the scene.
 fn corrects(config: &Config) -> bool {
     match config.correction {
         Correction::Off => false,
@@ -383,7 +387,10 @@ impl Points<'_> {
         change(&mut point);
         let (predict, base) = (&mut point.method.predict, &self.base.predict);
         // Weights of a corrector that fit the base may not fit this.
-        if !predict.has_corrector() && (!predict.keeps_anchors() || predict.backbone != base.backbone) {
+        if matches!(predict.correction, Correction::Weights(_))
+            && !predict.has_corrector()
+            && (!predict.keeps_anchors() || predict.backbone != base.backbone)
+        {
             predict.correction = Correction::Off;
         }
         let Method { predict, refine, .. } = &point.method;

@@ -59,7 +59,7 @@ fn the_factor_on_smooth_pixels_is_swept_where_it_applies() {
 #[test]
 fn a_budget_of_ones_own_joins_the_others_and_what_is_there_is_not_added_twice() {
     let config = Config { budget: Budget::Gaussians(1_500), neighbours: 5, ..Config::default() };
-    let base = Method::refined(config, refine::Config::default(), Correction::Default);
+    let base = Method::refined(config, refine::Config::default());
     let all = swept(&base, Extent::Quick);
     let named = |name: &str| all.iter().find(|point| point.label.point == name);
     assert!(named("entropy-1500").unwrap().label.base && named("random-1500").is_some());

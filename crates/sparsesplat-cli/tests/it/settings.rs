@@ -54,7 +54,8 @@ fn settings_that_others_leave_without_an_effect_are_refused() {
         (["--allocation", "merged", "--tau", "1"], "--tau"),
         (["--allocation", "voxel-aligned", "--sampler", "fixed"], "--sampler"),
         (["--allocation", "laplacian", "--smooth-weight", "1"], "--smooth-weight"),
-        (["--corrector", "off", "--looks", "2"], "--corrector"),
+        (["--corrector", "default", "--looks", "1"], "--corrector"),
+        (["--corrector", "default", "--head", "closed-form"], "--corrector"),
         (["--allocation", "merged", "--corrector", "default"], "--corrector"),
         (["--backbone", "given-depth", "--depth-range", "1,2"], "--depth-range"),
     ] {

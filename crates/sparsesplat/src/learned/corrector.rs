@@ -1,7 +1,7 @@
-//! The corrector: a second head, which looks once at a refined scene.
+//! The corrector: a second head, which looks once at a scene that followed the photographs, by further looks or by a refinement.
 //!
-//! Steps of a refinement follow the photographs alone. The corrector has learned from held-out views what such steps get wrong, and corrects the
-//! refined scene as the first head corrects the closed form (docs/refine.md). The paper has neither.
+//! Gradient steps follow the photographs alone. The corrector has learned from held-out views what such steps get wrong, and corrects the
+//! scene as the first head corrects the closed form (docs/refine.md). The paper has neither.
 
 use super::{LearnedHead, Parametrisation};
 use crate::harmonics::DEGREE;
@@ -16,12 +16,12 @@ use std::sync::Arc;
 const DEFAULT: (&[u8], &str) =
     (include_bytes!("../../weights/refined-grid-1.safetensors"), "corrector (refined-grid-1)");
 
-/// A head with the anchors of a scene, which it corrects when that has been refined.
+/// A head with the anchors of a scene, which it corrects.
 #[derive(Debug, Clone)]
 pub struct Corrector {
     head: Arc<LearnedHead>,
     anchored: Anchored,
-    /// The scene of the pass.
+    /// The scene after the last look.
     before: Gaussians,
     /// Of the views, without features: the anchors have theirs.
     geometry: Vec<ViewGeometry>,
@@ -30,7 +30,7 @@ pub struct Corrector {
 }
 
 impl Corrector {
-    /// For a scene `before` its refinement, which was made of the anchors of views with this geometry.
+    /// For a scene `before` any refinement, which was made of the anchors of views with this geometry.
     ///
     /// # Errors
     /// If the weights were trained on other features.
@@ -57,7 +57,7 @@ impl Corrector {
         self.head.name()
     }
 
-    /// The refined scene, corrected; as it is if there are no anchors. `views` are those that the scene was made of, in its exposure, with their cameras after
+    /// The scene, refined or not, corrected; as it is if there are no anchors. `views` are those that the scene was made of, in its exposure, with their cameras after
     /// the refinement. The shell stays as it is.
     ///
     /// # Errors

@@ -3,8 +3,14 @@ use attn_head::Weights;
 use sparsesplat::learned::{Corrector, FEATURES, corrector_features, image_features};
 use sparsesplat::{Allocation, Correction, Error, Head};
 
-fn corrected_config(gaussians: usize) -> Config {
-    Config { correction: Correction::Default, ..plane_sweep(gaussians) }
+/// For a scene that is refined before it is corrected.
+fn refined_later(gaussians: usize) -> Config {
+    Config { refined_later: true, ..plane_sweep(gaussians) }
+}
+
+/// With the default looks.
+fn passing(gaussians: usize) -> Config {
+    Config { looks: Config::default().looks, ..plane_sweep(gaussians) }
 }
 
 /// The prediction, what corrects it, and the Gaussians after some steps.
@@ -29,7 +35,7 @@ fn held_out(gaussians: &Gaussians, prediction: &Prediction) -> f64 {
 
 #[test]
 fn a_refined_scene_is_better_on_held_out_views_when_it_is_corrected() {
-    let (prediction, corrector, refined) = refined(&corrected_config(1500), 30);
+    let (prediction, corrector, refined) = refined(&refined_later(1500), 30);
     let corrected = corrector.corrected(refined.clone(), &COURTYARD.0).unwrap();
     check_gaussians(&corrected, false);
     let anchors = prediction.counts.total - prediction.counts.shell;
@@ -39,12 +45,41 @@ fn a_refined_scene_is_better_on_held_out_views_when_it_is_corrected() {
     assert_ne!(corrected.geometry()[..rows], refined.geometry()[..rows]);
     let [before, after] = [&refined, &corrected].map(|scene| held_out(scene, &prediction));
     assert!(after > before + 0.03, "{before} {after}");
-    // Nothing of it changes the pass, and it is the same on one thread.
-    let plain = run(&COURTYARD.0, &plane_sweep(1500));
-    assert_eq!(plain.gaussians, prediction.gaussians);
-    assert!(plain.corrector.is_none());
+    // It is the same on one thread.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     assert_eq!(pool.install(|| corrector.corrected(refined, &COURTYARD.0)).unwrap(), corrected);
+}
+
+#[test]
+fn the_pass_corrects_its_scene_itself_where_nothing_refines_it() {
+    let views = &COURTYARD.0;
+    let passed = run(views, &passing(1500));
+    let by = passed.corrected_by.as_deref().unwrap();
+    assert!(by.contains("refined-grid") && passed.corrector.is_none(), "{by}");
+    assert!(passed.seconds[Stage::Correction] > 0.0);
+    let before = run(views, &Config { refined_later: true, ..passing(1500) });
+    assert!(before.corrected_by.is_none() && before.seconds[Stage::Correction] == 0.0);
+    assert_eq!(
+        before.corrector.unwrap().corrected(before.gaussians.clone(), views).unwrap(),
+        passed.gaussians
+    );
+    let off = Config { correction: Correction::Off, ..passing(1500) };
+    let uncorrected = run(views, &off);
+    assert_eq!((&uncorrected.gaussians, &uncorrected.corrected_by), (&before.gaussians, &None));
+    let [before, after] = [&uncorrected, &passed].map(|made| held_out(&made.gaussians, &passed));
+    assert!(after > before, "{before} {after}");
+    // A single look, or no weights, is what was asked for.
+    for config in [plane_sweep(600), Config { head: Head::ClosedForm, ..passing(600) }] {
+        assert!(run(views, &config).corrected_by.is_none());
+    }
+    // In one exposure, the photographs are corrected in it.
+    let mut views = views.clone();
+    views[1].image_mut().data_mut().iter_mut().for_each(|value| *value *= 0.7);
+    let common = |config: Config| run(&views, &Config { exposure: Exposure::Common, ..config });
+    let (passed, before) = (common(passing(600)), common(Config { refined_later: true, ..passing(600) }));
+    let exposed = Exposure::Common.views(&views, &before.exposure);
+    assert_ne!(exposed[1].image(), views[1].image());
+    assert_eq!(before.corrector.unwrap().corrected(before.gaussians, &exposed).unwrap(), passed.gaussians);
 }
 
 #[test]
@@ -56,7 +91,7 @@ fn one_without_training_leaves_the_scene_as_it_is() {
     let config = attn_head::Config { kind, geometry: corrector_features(), image, neighbours: 20 };
     let features = (FEATURES.to_owned(), depth_backbone::PlaneSweep::SCHEMA.to_owned());
     Weights { metadata: [features].into(), ..Weights::initial(config, 0).unwrap() }.write(&path).unwrap();
-    let config = Config { correction: Correction::Weights(path), ..plane_sweep(800) };
+    let config = Config { correction: Correction::Weights(path), ..refined_later(800) };
     for exposure in [Exposure::AsPhotographed, Exposure::Common] {
         let (_, corrector, refined) = refined(&Config { exposure, ..config.clone() }, 2);
         assert_eq!(corrector.corrected(refined.clone(), &COURTYARD.0).unwrap(), refined);
@@ -73,7 +108,7 @@ fn one_without_training_leaves_the_scene_as_it_is() {
 fn photographs_of_other_exposures_and_moved_cameras_are_corrected_as_well() {
     let mut views = COURTYARD.0.clone();
     views[1].image_mut().data_mut().iter_mut().for_each(|value| *value *= 0.7);
-    let prediction = predict(&views, &corrected_config(1500)).unwrap();
+    let prediction = predict(&views, &refined_later(1500)).unwrap();
     assert!(prediction.exposure.iter().any(|&view| view != ExposureGain::NONE));
     let corrector = prediction.corrector.as_ref().unwrap();
     let settings = refine::Config {
@@ -107,7 +142,7 @@ fn photographs_of_other_exposures_and_moved_cameras_are_corrected_as_well() {
 
 #[test]
 fn values_that_are_not_finite_do_not_spread() {
-    let (_, corrector, mut refined) = refined(&corrected_config(600), 1);
+    let (_, corrector, mut refined) = refined(&refined_later(600), 1);
     refined.buffers_mut().0[..Gaussians::GEOMETRY].fill(f32::NAN);
     refined.buffers_mut().0[Gaussians::GEOMETRY] = f32::INFINITY;
     let corrected = corrector.corrected(refined, &COURTYARD.0).unwrap();
@@ -117,10 +152,9 @@ fn values_that_are_not_finite_do_not_spread() {
 
 #[test]
 fn where_gaussians_have_no_anchors_there_is_none() {
-    let merged = Config { allocation: Allocation::Merged, ..corrected_config(500) };
-    assert!(run(&COURTYARD.0, &merged).corrector.is_none());
-    let measured = Config { correction: Correction::Default, ..given_depth(500) };
-    assert!(run(&COURTYARD.0, &measured).corrector.is_none(), "it was trained on stereo");
+    let merged = Config { allocation: Allocation::Merged, ..plane_sweep(500) };
+    assert!(run(&COURTYARD.0, &merged).corrected_by.is_none());
+    assert!(run(&COURTYARD.0, &given_depth(500)).corrected_by.is_none(), "it was trained on stereo");
     let named = Config { correction: Correction::Weights("w".into()), ..merged };
     assert!(matches!(predict(&COURTYARD.0, &named), Err(Error::NothingToCorrect)));
     let missing =
