@@ -126,7 +126,7 @@ impl Method {
             });
         }
         let corrected =
-            corrector.map(|corrector| correct(&corrector, &mut refined, &mut exposed)).transpose()?;
+            corrector.map(|corrector| correct(corrector, &mut refined, &mut exposed)).transpose()?;
         if prune {
             let scene = std::mem::replace(&mut refined.gaussians, Gaussians::empty(0)?);
             (refined.gaussians, refined.report.pruned) = refine::prune(scene);
@@ -153,8 +153,9 @@ impl Method {
 }
 
 /// Corrects a refined scene; its seconds count as the refinement's.
-fn correct(corrector: &Corrector, refined: &mut Refined, views: &mut [View]) -> Result<Corrected> {
+fn correct(corrector: Corrector, refined: &mut Refined, views: &mut [View]) -> Result<Corrected> {
     let begin = Instant::now();
+    let by = corrector.name().to_owned();
     for (view, camera) in views.iter_mut().zip(&refined.cameras) {
         if view.camera() != camera {
             *view = View::new(view.name(), view.image().clone(), *camera, None)?;
@@ -164,7 +165,7 @@ fn correct(corrector: &Corrector, refined: &mut Refined, views: &mut [View]) -> 
     refined.gaussians = corrector.corrected(scene, views)?;
     let seconds = begin.elapsed().as_secs_f64();
     refined.report.seconds += seconds;
-    Ok(Corrected { by: corrector.name().to_owned(), seconds })
+    Ok(Corrected { by, seconds })
 }
 
 /// What followed the steps of a refinement.

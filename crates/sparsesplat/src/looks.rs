@@ -47,9 +47,9 @@ impl Anchored {
     ///
     /// # Errors
     /// If the features are not those of the default head, or the scene cannot be rendered.
-    pub fn predicted_and_refined(&self, geometry: &[ViewGeometry], steps: usize) -> Result<Self> {
+    pub fn predicted_and_refined(self, geometry: &[ViewGeometry], steps: usize) -> Result<Self> {
         let head = HeadWeights::Grid.read()?;
-        let mut before = head.gaussians(self, geometry, &mut Stages::new(&mut |_| {}))?;
+        let mut before = head.gaussians(&self, geometry, &mut Stages::new(&mut |_| {}))?;
         before.append(&self.shell.clone().with_sh_degree(before.sh_degree())?);
         let before = self.looked(before, Config::default().looks)?;
         let refined = if steps == 0 {
@@ -65,7 +65,8 @@ impl Anchored {
                 .map_err(|error| Error::Looks(Box::new(error)))?
                 .gaussians
         };
-        self.refined(&before, &refined, &self.views, &vec![ExposureGain::NONE; self.views.len()])
+        let exposure = vec![ExposureGain::NONE; self.views.len()];
+        self.refined(&before, &refined, exposure)
     }
 }
 

@@ -3,6 +3,7 @@
 //! Gradient steps follow the photographs alone. The corrector has learned from held-out views what such steps get wrong, and corrects the
 //! scene as the first head corrects the closed form (docs/refine.md). The paper has neither.
 
+use super::feedback::feedback;
 use super::{LearnedHead, Parametrisation};
 use crate::harmonics::DEGREE;
 use crate::{Anchored, Config, Correction, Error, Exposure, ExposureGain, Result};
@@ -57,23 +58,24 @@ impl Corrector {
         self.head.name()
     }
 
-    /// The scene, refined or not, corrected; as it is if there are no anchors. `views` are those that the scene was made of, in its exposure, with their cameras after
-    /// the refinement. The shell stays as it is.
+    /// The scene, refined or not, corrected; as it is if there are no anchors. `views` are those that the scene was made of, in its exposure, with their
+    /// cameras after the refinement. The shell stays as it is.
     ///
     /// # Errors
     /// If colours have an SH degree above 2, or the scene cannot be rendered.
     ///
     /// # Panics
     /// If Gaussians or views are missing: pruning comes after this.
-    pub fn corrected(&self, refined: Gaussians, views: &[View]) -> Result<Gaussians> {
+    pub fn corrected(self, refined: Gaussians, views: &[View]) -> Result<Gaussians> {
         if self.anchored.base.is_empty() {
             return Ok(refined);
         }
         if refined.sh_degree() > DEGREE {
             return Err(Error::CorrectedColours { found: refined.sh_degree() });
         }
-        let scene = self.anchored.refined(&self.before, &refined, views, &self.exposure)?;
-        let feedback = scene.feedback(true)?;
+        let scene = self.anchored.refined(&self.before, &refined, self.exposure)?;
+        drop((self.before, refined));
+        let feedback = feedback(&scene, views)?;
         let outputs = self.head.run(&scene.inputs(self.head.kind(), &self.geometry, &feedback))?;
         let mut corrected = scene.decoder(Parametrisation::Correction).decode(&outputs);
         corrected.append(&scene.shell);

@@ -50,13 +50,13 @@ struct Sums {
     by_mean: Vec3,
 }
 
-/// Feedback `[n, FEEDBACK]` on the closed form of the anchors, or on the refined scene that has taken its place.
+/// Feedback `[n, FEEDBACK]` on the closed form of the anchors, or on the refined scene that has taken its place. `views` are those of the anchors, in
+/// the exposure of the scene.
 ///
 /// # Errors
 /// If the scene covers more tiles of a picture than the renderer takes.
-pub(super) fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
+pub(super) fn feedback(anchored: &Anchored, views: &[View]) -> Result<Vec<f32>> {
     let scene = rendered(anchored);
-    let views = anchored.history.as_ref().map_or(&anchored.views, |history| &history.views);
     let width = 3 * sh_coefficients(scene.sh_degree());
     let mut rasterizers: [Rasterizer; AT_ONCE] = std::array::from_fn(|_| Rasterizer::cpu());
     let mut sums = vec![[Sums::default(); 2]; anchored.base.len()];
@@ -150,6 +150,11 @@ mod tests {
         let cameras = demo_cameras(60, 40).unwrap().0;
         cameras[..3].iter().map(|camera| render_view(&scene, camera, 2, "v", 0).unwrap()).collect()
     });
+
+    /// On the closed form.
+    fn feedback(anchored: &Anchored) -> Result<Vec<f32>> {
+        super::feedback(anchored, &anchored.views)
+    }
 
     fn config(allocation: Allocation, gaussians: usize) -> Config {
         let budget = Budget::Gaussians(gaussians);

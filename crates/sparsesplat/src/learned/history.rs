@@ -22,7 +22,7 @@ use crate::as_photographed::change;
 use crate::harmonics::{DEGREE, TERMS, basis};
 use crate::{Anchored, ExposureGain, Result};
 use glam::{DVec3, Vec3};
-use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0, View};
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0};
 
 /// Numbers per anchor.
 pub(super) const HISTORY: usize = 24;
@@ -38,45 +38,36 @@ pub(crate) struct History {
     closed_form: Gaussians,
     /// The anchors' Gaussians before the refinement, SH degree 2.
     before: Gaussians,
-    /// The views in the exposure of the scene.
-    pub(super) views: Vec<View>,
-    /// What brings each of them into the common exposure.
+    /// What brings each view from the exposure of the scene into the common one.
     exposure: Vec<ExposureGain>,
 }
 
 impl Anchored {
     /// The same anchors in a refined scene: `now`, which was `before`, both of the anchors in their order and the shell after them. What a head then
-    /// sees and corrects is the refined scene instead of the closed form. `views` are in the exposure of the scene, and `exposure` is what brings
-    /// each of them into the common one.
+    /// sees and corrects is the refined scene instead of the closed form. `exposure` is what brings each view from the exposure of the scene into the
+    /// common one.
     ///
     /// # Errors
     /// Those of `Gaussians::new`, which the asserted lengths exclude.
     ///
     /// # Panics
-    /// If a scene has another number of Gaussians or an SH degree above 2, or there is another number of views.
-    pub fn refined(
-        &self,
-        before: &Gaussians,
-        now: &Gaussians,
-        views: &[View],
-        exposure: &[ExposureGain],
-    ) -> Result<Self> {
+    /// If a scene has another number of Gaussians or an SH degree above 2, or there are not as many exposures as views.
+    pub fn refined(self, before: &Gaussians, now: &Gaussians, exposure: Vec<ExposureGain>) -> Result<Self> {
         assert!(before.sh_degree() <= DEGREE && now.sh_degree() <= DEGREE, "colours that a head can make");
         let (n, all) = (self.base.len(), self.base.len() + self.shell.len());
         assert!(before.len() == all && now.len() == all, "Gaussians of the anchors and of the shell");
-        assert!(views.len() == self.views.len() && exposure.len() == views.len(), "one for each view");
+        assert_eq!(exposure.len(), self.views.len(), "one for each view");
         let rows = |scene: &Gaussians, begin: usize, end: usize| {
             let scene = scene.clone().with_sh_degree(DEGREE)?;
             let geometry = scene.geometry()[begin * Gaussians::GEOMETRY..end * Gaussians::GEOMETRY].to_vec();
             Gaussians::new(DEGREE, geometry, scene.sh()[begin * SH..end * SH].to_vec())
         };
         let history = History {
-            closed_form: self.history.as_ref().map_or(&self.base, |known| &known.closed_form).clone(),
+            closed_form: self.history.map_or(self.base, |known| known.closed_form),
             before: rows(before, 0, n)?,
-            views: views.to_vec(),
-            exposure: exposure.to_vec(),
+            exposure,
         };
-        Ok(Self { base: rows(now, 0, n)?, shell: rows(now, n, all)?, history: Some(history), ..self.clone() })
+        Ok(Self { base: rows(now, 0, n)?, shell: rows(now, n, all)?, history: Some(history), ..self })
     }
 }
 
@@ -156,6 +147,7 @@ mod tests {
     use super::*;
     use crate::backbone::{Networks, geometry};
     use crate::{Backbone, Budget, Config, Stages, Wanted, anchor};
+    use gs_scene::View;
     use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
 
     fn anchored() -> Anchored {
@@ -182,7 +174,7 @@ mod tests {
         exposure: ExposureGain,
     ) -> Vec<[f32; HISTORY]> {
         let exposure = vec![exposure; anchored.views.len()];
-        let refined = anchored.refined(before, now, &anchored.views, &exposure).unwrap();
+        let refined = anchored.clone().refined(before, now, exposure).unwrap();
         let known = refined.history.as_ref().unwrap();
         (0..refined.base.len()).map(|i| history(&refined, known, i)).collect()
     }

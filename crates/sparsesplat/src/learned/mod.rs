@@ -30,7 +30,7 @@ impl Anchored {
     /// # Errors
     /// If the closed form cannot be rendered.
     pub fn feedback(&self, wanted: bool) -> Result<Vec<f32>> {
-        if wanted { feedback::feedback(self) } else { Ok(Vec::new()) }
+        if wanted { feedback::feedback(self, &self.views) } else { Ok(Vec::new()) }
     }
 
     /// What a head of a kind sees of these anchors; `geometry` is what they were made from, with features. `feedback` is

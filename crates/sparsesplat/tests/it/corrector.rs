@@ -36,7 +36,7 @@ fn held_out(gaussians: &Gaussians, prediction: &Prediction) -> f64 {
 #[test]
 fn a_refined_scene_is_better_on_held_out_views_when_it_is_corrected() {
     let (prediction, corrector, refined) = refined(&refined_later(1500), 30);
-    let corrected = corrector.corrected(refined.clone(), &COURTYARD.0).unwrap();
+    let corrected = corrector.clone().corrected(refined.clone(), &COURTYARD.0).unwrap();
     check_gaussians(&corrected, false);
     let anchors = prediction.counts.total - prediction.counts.shell;
     assert_eq!((corrected.len(), corrected.sh_degree()), (refined.len(), 2));
@@ -94,13 +94,13 @@ fn one_without_training_leaves_the_scene_as_it_is() {
     let config = Config { correction: Correction::Weights(path), ..refined_later(800) };
     for exposure in [Exposure::AsPhotographed, Exposure::Common] {
         let (_, corrector, refined) = refined(&Config { exposure, ..config.clone() }, 2);
-        assert_eq!(corrector.corrected(refined.clone(), &COURTYARD.0).unwrap(), refined);
+        assert_eq!(corrector.clone().corrected(refined.clone(), &COURTYARD.0).unwrap(), refined);
         assert!(corrector.name().ends_with("untrained.safetensors"));
     }
     // The closed form has no features of its own to look at: the backbone is asked for them.
     let closed = Config { head: Head::ClosedForm, ..config };
     let (_, corrector, refined) = refined(&closed, 1);
-    let same = corrector.corrected(refined.clone(), &COURTYARD.0).unwrap();
+    let same = corrector.clone().corrected(refined.clone(), &COURTYARD.0).unwrap();
     assert_eq!(same, refined.with_sh_degree(2).unwrap());
 }
 
@@ -110,7 +110,7 @@ fn photographs_of_other_exposures_and_moved_cameras_are_corrected_as_well() {
     views[1].image_mut().data_mut().iter_mut().for_each(|value| *value *= 0.7);
     let prediction = predict(&views, &refined_later(1500)).unwrap();
     assert!(prediction.exposure.iter().any(|&view| view != ExposureGain::NONE));
-    let corrector = prediction.corrector.as_ref().unwrap();
+    let corrector = prediction.corrector.clone().unwrap();
     let settings = refine::Config {
         stop: refine::Stop::Steps(20),
         rates: refine::Rates { pose: 0.1, ..refine::Rates::default() },
@@ -124,7 +124,7 @@ fn photographs_of_other_exposures_and_moved_cameras_are_corrected_as_well() {
         View::new(view.name(), view.image().clone(), *camera, None).unwrap()
     };
     let moved: Vec<View> = views.iter().zip(&refined.cameras).map(moved).collect();
-    let corrected = corrector.corrected(refined.gaussians.clone(), &moved).unwrap();
+    let corrected = corrector.clone().corrected(refined.gaussians.clone(), &moved).unwrap();
     check_gaussians(&corrected, false);
     // The dark photograph stays dark: what is seen from its camera changes by little.
     let shown = |gaussians: &Gaussians| {
@@ -133,7 +133,7 @@ fn photographs_of_other_exposures_and_moved_cameras_are_corrected_as_well() {
     };
     let [before, after] = [&refined.gaussians, &corrected].map(shown);
     assert!((before - after).abs() < 2.5, "{before} {after}");
-    assert_ne!(corrected, corrector.corrected(refined.gaussians, &views).unwrap(), "cameras count");
+    assert_ne!(corrected, corrector.clone().corrected(refined.gaussians, &views).unwrap(), "cameras count");
     // A degree that no head makes.
     let richer = corrected.with_sh_degree(3).unwrap();
     let error = corrector.corrected(richer, &moved).unwrap_err();
