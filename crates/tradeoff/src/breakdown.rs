@@ -12,7 +12,7 @@ use std::fmt::Write;
 /// A stage's time, seconds.
 type Time = fn(&Seconds) -> f64;
 
-/// Stages as the bars show them, the paper's names where it has them.
+/// Stages as the bars show them, the paper's names where it has them. After the looks come correction, refinement and writing.
 const STAGES: [(&str, Time); 8] = [
     ("load", |s| s.load),
     ("backbone", |s| s.stages[Stage::Backbone]),
@@ -23,7 +23,7 @@ const STAGES: [(&str, Time); 8] = [
     ("knn", |s| s.stages[Stage::Knn]),
     ("feedback", |s| s.stages[Stage::Feedback]),
     ("head, decoding", |s| s.stages[Stage::Head] + s.stages[Stage::Decode]),
-    ("looks, correction, refinement, writing", |s| {
+    ("looks and after", |s| {
         s.stages[Stage::Looks] + s.stages[Stage::Correction] + s.refine + s.write
     }),
 ];

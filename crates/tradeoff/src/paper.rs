@@ -222,7 +222,7 @@ impl PaperTable {
                 ]
             }
             Self::Runtime => vec![text(
-                "Head: the paper's is its attention. Other: loading, exposure, far shell, back-projection, feedback, decoding, looks and writing, which the paper does not list. Between: \
+                "Head: the paper's is its attention. Other: loading, exposure, far shell, back-projection, feedback, decoding, looks, correction and writing, which the paper does not list. Between: \
                  wall time outside of all stages. The paper's times are for a GPU.",
             )],
             Self::Frames => vec![text(
