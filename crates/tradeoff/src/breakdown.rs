@@ -23,9 +23,7 @@ const STAGES: [(&str, Time); 8] = [
     ("knn", |s| s.stages[Stage::Knn]),
     ("feedback", |s| s.stages[Stage::Feedback]),
     ("head, decoding", |s| s.stages[Stage::Head] + s.stages[Stage::Decode]),
-    ("looks and after", |s| {
-        s.stages[Stage::Looks] + s.stages[Stage::Correction] + s.refine + s.write
-    }),
+    ("looks and after", |s| s.stages[Stage::Looks] + s.stages[Stage::Correction] + s.refine + s.write),
 ];
 
 const NAME: f64 = 130.0;
