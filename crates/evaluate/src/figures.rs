@@ -17,7 +17,7 @@ pub struct Seconds {
     /// The stages of the pass.
     #[serde(flatten)]
     pub stages: StageSeconds,
-    /// Optimisation steps after the pass.
+    /// Refinement: its steps, and the correction after them, which is then no stage of the pass.
     pub refine: f64,
     /// Writing the scene.
     pub write: f64,
@@ -83,9 +83,9 @@ pub struct Figures {
     pub psnr_all: f64,
     /// Mean PSNR of the nearest context view, shown as it is, over the held-out targets.
     pub psnr_nearest_view: f64,
-    /// `psnr_held_out` before refinement; NaN where there was none.
+    /// `psnr_held_out` of the pass without the refinement; NaN where there was none.
     pub psnr_held_out_feed_forward: f64,
-    /// `ssim_held_out` before refinement; NaN where there was none.
+    /// `ssim_held_out` of the pass without the refinement; NaN where there was none.
     pub ssim_held_out_feed_forward: f64,
     /// Wall time by stage.
     pub seconds: Seconds,
@@ -162,7 +162,7 @@ pub struct Target {
     /// Share of the squared error that the worst tenth of the pixels holds, 0..1: high where a few surfaces are wrong, low where everything
     /// is a little off.
     pub error_in_worst_tenth: f64,
-    /// PSNR before refinement, dB; none if there was none.
+    /// PSNR of the pass without the refinement, dB; none if there was none.
     pub psnr_feed_forward: Option<f64>,
     /// Name of the nearest context view.
     pub nearest_view: String,
@@ -186,6 +186,8 @@ pub struct WindowFigures {
     pub depth_range: (f64, f64),
     /// Gain and bias of each context view.
     pub exposure: Vec<ExposureGain>,
+    /// What corrected the scene, if anything did.
+    pub corrected_by: Option<String>,
     /// What refinement did, where there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refinement: Option<Refinement>,
@@ -346,6 +348,7 @@ mod tests {
             tau: None,
             depth_range: (1.0, 2.0),
             exposure: vec![],
+            corrected_by: None,
             refinement: None,
             per_target: vec![],
         };

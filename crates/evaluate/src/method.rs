@@ -20,7 +20,7 @@ pub struct Method {
     /// The pass.
     #[serde(flatten)]
     pub predict: Config,
-    /// Steps on the context views afterwards, before the correction of the pass; none leaves the result of the pass.
+    /// Steps on the context views, after the looks of the pass and before its correction; none leaves the result of the pass.
     pub refine: Option<refine::Config>,
     /// Whether held-out views are measured while it is being refined, for a curve; outside the time that is
     /// measured. The curve then goes on to the last step: nothing stops early.
@@ -40,7 +40,13 @@ impl Method {
     /// The pass up to its correction, then a refinement, then the correction.
     #[must_use]
     pub fn refined(predict: Config, refine: refine::Config) -> Self {
-        Self { refine: Some(refine), ..Self::feed_forward(Config { refined_later: true, ..predict }) }
+        Self { refine: Some(refine), ..Self::feed_forward(predict) }
+    }
+
+    /// The configuration of the pass: with a refinement it ends before its correction.
+    #[must_use]
+    pub fn pass(&self) -> Config {
+        Config { refined_later: self.refine.is_some(), ..self.predict.clone() }
     }
 
     /// This method on a window: with its depth range where the plan has one, and with a seed.
@@ -53,6 +59,13 @@ impl Method {
             refine.seed = seed;
         }
         method
+    }
+
+    /// The scene of the pass without a refinement, corrected where the prediction leaves that to the refinement.
+    pub(crate) fn passed(&self, window: &Window, prediction: &Prediction) -> Result<Gaussians> {
+        let scene = prediction.gaussians.clone();
+        let Some(corrector) = prediction.corrector.clone() else { return Ok(scene) };
+        Ok(corrector.corrected(scene, &self.predict.exposure.views(&window.context, &prediction.exposure))?)
     }
 
     /// Refines a prediction in place, if that is asked for; `held_out` measures a scene, for the curve.
@@ -146,7 +159,9 @@ impl Method {
             });
         }
         prediction.counts = prediction.counts.without(&refined.report.pruned);
-        prediction.corrected_by = corrected.as_ref().map(|corrected| corrected.by.clone());
+        if let Some(corrected) = &corrected {
+            prediction.corrected_by = Some(corrected.by.clone());
+        }
         prediction.gaussians = refined.gaussians;
         Ok(Some(Refinement { report: refined.report, corrected, curve, cameras: refined.cameras }))
     }

@@ -96,6 +96,7 @@ fn outcome(
         tau: prediction.tau,
         depth_range: prediction.depth_range,
         exposure: prediction.exposure.clone(),
+        corrected_by: prediction.corrected_by.clone(),
         refinement,
         per_target: Vec::new(),
     };
@@ -116,7 +117,7 @@ impl Runner {
     /// # Errors
     /// As [`Runner::new`], or if there is no such device.
     pub fn on(method: Method, device: NetworkDevice) -> Result<Self> {
-        let predictor = Predictor::on(method.predict.clone(), device)?;
+        let predictor = Predictor::on(method.pass(), device)?;
         Ok(Self { method, predictor })
     }
 
@@ -125,7 +126,7 @@ impl Runner {
     /// # Errors
     /// As [`Runner::new`].
     pub fn with_method(&self, method: Method) -> Result<Self> {
-        let predictor = self.predictor.with_config(method.predict.clone())?;
+        let predictor = self.predictor.with_config(method.pass())?;
         Ok(Self { method, predictor })
     }
 
@@ -168,7 +169,8 @@ impl Runner {
 
     /// Reconstructs a window, renders its targets and its context views, and measures them. Renderings are
     /// compared as they are, floats clipped to 0..1, over a black background, in the exposure that the scene has
-    /// from there: nothing is fitted to a target. With refinement the targets are measured before it as well. LPIPS is measured where there
+    /// from there: nothing is fitted to a target. With refinement the targets are measured with the scene of the pass as well, outside the time that is
+    /// measured. LPIPS is measured where there
     /// are weights for it.
     ///
     /// # Errors
@@ -186,9 +188,10 @@ impl Runner {
         let mut prediction = taken.time(|| self.predict(window, on_step))?;
         let mut before = Vec::new();
         if method.refine.is_some() {
+            let passed = method.passed(window, &prediction)?;
             for target in &window.targets {
                 on_step(Step::Render);
-                let image = render_view(rasterizer, &prediction.gaussians, target.camera())?.image;
+                let image = render_view(rasterizer, &passed, target.camera())?.image;
                 before.push((compare(psnr, target, &image)?, compare(ssim, target, &image)?));
             }
         }

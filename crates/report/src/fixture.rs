@@ -12,6 +12,7 @@ pub(crate) fn row(name: &str, psnrs: &[f64]) -> WindowRow {
         tau: None,
         depth_range: (1.0, 2.0),
         exposure: vec![],
+        corrected_by: None,
         refinement: None,
         per_target: vec![],
     };

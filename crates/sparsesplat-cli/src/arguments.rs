@@ -90,13 +90,13 @@ pub(crate) struct Pipeline {
     /// Looks at the photographs: 1 is the head alone; each further look renders all of them and takes a few gradient steps
     #[arg(long, value_name = "N", value_parser = positive, default_value_t = Config::default().looks)]
     pub(crate) looks: usize,
-    /// What corrects the scene at the end: default (a small trained head, with --backbone plane-sweep), off, or a file with weights
+    /// What corrects the scene at the end: default (a small trained head; none with --looks 1 alone, the closed form, merged pixels or another backbone), off, or a file with weights
     #[arg(long, value_name = "CORRECTOR", value_parser = correction, default_value = "default", hide_short_help = true)]
     pub(crate) corrector: Correction,
     /// Neighbours of each anchor
     #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20, hide_short_help = true)]
     pub(crate) neighbours: usize,
-    /// Gradient steps on the photographs after the pass (try 60, then 240)
+    /// Gradient steps on the photographs, after the looks and before the correction (try 60, then 240)
     #[arg(
         long,
         value_name = "STEPS",
@@ -258,10 +258,10 @@ impl Pipeline {
                 Method::refined(predict, refine)
             }
         };
-        if self.corrector == Correction::Default && !method.predict.has_corrector() {
+        if self.corrector == Correction::Default && !method.pass().has_corrector() {
             given.refuse(
                 &["corrector"],
-                "the default one corrects Gaussians of --backbone plane-sweep that have an anchor of their own and a head with weights, after several looks or a refinement",
+                "the default one needs --backbone plane-sweep, a head with weights, an --allocation other than merged, and several --looks or --refine",
             )?;
         }
         Ok(method)

@@ -16,7 +16,7 @@ use tradeoff::{Comparison, Extent, PaperTable, Summary, comparison_markdown, sta
 
 /// Print the paper's tables with our figures beside them
 ///
-/// Our rows are measured as in `tradeoff`: one backbone, one head; only allocation, with its factors, and count differ. The paper's figures are those that it prints,
+/// Our rows are measured as in `tradeoff`: one backbone, one head; only allocation, with its factors, and count differ (merged Gaussians are not corrected). The paper's figures are those that it prints,
 /// with its own data, training and machines. `ablate` repeats the paper's three ablations, whose rows must be trained.
 #[derive(Debug, Args)]
 #[command(after_help = crate::arguments::SEE_LONG_HELP, after_long_help = "Examples:\n  \

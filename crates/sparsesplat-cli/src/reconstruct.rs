@@ -34,7 +34,7 @@ use view_data::{DatasetWriter, Format, Layout, PictureFormat};
     sparsesplat reconstruct data/fox -o fox.spz                         an eighth of the size, for viewers\n  \
     sparsesplat reconstruct data/fox --views 8 --gaussians 150k -o fox.ply --report fox.html\n  \
     sparsesplat reconstruct data/fox --index data/fox/evaluation_index.json --window fox/1 -o fox.ply\n  \
-    sparsesplat reconstruct data/fox --refine 60 -o fox.ply             better by 0.7 dB on photographs, in some more seconds\n  \
+    sparsesplat reconstruct data/fox --refine 60 -o fox.ply             better by 0.5 dB on photographs, in some more seconds\n  \
     sparsesplat reconstruct data/kitchen --backbone given-depth --tau 0.3 -o kitchen.ply\n  \
     sparsesplat reconstruct data/fox --backbone depthsplat --weights depthsplat-gs-small-....pth --depth-range hint -o fox.ply")]
 pub(crate) struct Arguments {

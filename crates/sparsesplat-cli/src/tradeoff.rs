@@ -13,7 +13,7 @@ use tradeoff::Extent;
 /// Measure what accuracy costs in time: one method, varied along one axis at a time
 ///
 /// The base method has the settings of the reconstruction options. These are varied: the count (1k ... 150k, one per pixel), the allocation at
-/// all these counts, K, the head, the sampler, refinement, the size of the photographs, the depth planes, learned depth, fused surfaces, the backbone (measured depth, if the
+/// all these counts, K, the head, looks, correction, the sampler, refinement, the size of the photographs, the depth planes, learned depth, fused surfaces, the backbone (measured depth, if the
 /// scenes are simulated and the head is the closed form) and the cut-offs of the renderer. Each point has PSNR and SSIM of held-out views, seconds
 /// by stage, memory, file size and frames per second. Points on the Pareto front are marked, and the knees of the curves are named.
 #[derive(Debug, Args)]

@@ -22,7 +22,6 @@ use view_data::Format;
 pub(crate) struct Report {
     outcome: evaluate::WindowFigures,
     head: String,
-    corrected_by: Option<String>,
     views: Vec<String>,
     /// What the data set lists and does not use, and why.
     dropped: Vec<(String, String)>,
@@ -57,7 +56,7 @@ impl Report {
         dict.set_item("exposure", exposure)?;
         let steps = figures.refinement.as_ref().map(|refinement| refinement.report.steps.len());
         dict.set_item("refine_steps", steps.unwrap_or(0))?;
-        dict.set_item("corrector", self.corrected_by.as_ref())?;
+        dict.set_item("corrector", figures.corrected_by.as_ref())?;
         dict.set_item("seconds", self.seconds(py)?)?;
         Ok(dict)
     }
@@ -158,8 +157,8 @@ pub(crate) fn reconstruct(
             let outcome = Runner::new(method)?.reconstruct(&window, &mut rasterizer, &mut on_step)?;
             let views = window.context.iter().map(|view| view.name().to_owned()).collect();
             let Outcome { figures, prediction, .. } = outcome;
-            let Prediction { gaussians, head, corrected_by, .. } = prediction;
-            let report = Report { outcome: figures, head, corrected_by, views, dropped };
+            let Prediction { gaussians, head, .. } = prediction;
+            let report = Report { outcome: figures, head, views, dropped };
             Ok::<_, evaluate::Error>(Scene::new(gaussians, Some(report)))
         })
     })?;

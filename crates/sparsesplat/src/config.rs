@@ -40,10 +40,10 @@ pub struct Config {
     pub far_shell: bool,
     /// In which exposure the scene is.
     pub exposure: Exposure,
-    /// What corrects the scene once its Gaussians follow the photographs: after the further looks, or after the refinement.
+    /// What corrects the scene after its gradient steps, those of further looks or of a refinement.
     pub correction: Correction,
-    /// Whether a refinement follows the pass. The correction is then left to it ([`Prediction::corrector`](crate::Prediction::corrector)). JSON
-    /// has the refinement itself.
+    /// Whether a refinement follows the pass. The correction is then left to it ([`Prediction::corrector`](crate::Prediction::corrector)). It is not
+    /// written to JSON.
     #[serde(skip)]
     pub refined_later: bool,
     /// Seed of the sampling.
@@ -81,8 +81,8 @@ impl Config {
         self.head != Head::DepthSplat && self.allocation != Allocation::Merged
     }
 
-    /// Whether [`Correction::Default`] corrects anything. This crate's corrector was trained on plane sweeps, and on scenes that followed the
-    /// photographs for more than one look; the closed form has no weights.
+    /// Whether [`Correction::Default`] corrects anything. This crate's corrector was trained on scenes of plane sweeps after gradient steps; the closed form
+    /// is to have no weights.
     #[must_use]
     pub fn has_corrector(&self) -> bool {
         self.keeps_anchors()

@@ -34,9 +34,9 @@ pub enum Error {
     /// Weights that cannot be read, or inputs that a head refuses.
     #[error(transparent)]
     Head(#[from] attn_head::Error),
-    /// A closed form that cannot be rendered for the head's feedback, or a refined scene for the corrector's.
+    /// A closed form that cannot be rendered for the head's feedback, or a scene for the corrector's.
     #[error(
-        "the scene cannot be rendered into {view} for the feedback of the learned head or the corrector (the closed-form head needs none)"
+        "the scene cannot be rendered into {view} for the feedback of the learned head or the corrector (the closed-form head and no correction need none)"
     )]
     Feedback {
         /// Name of the view.
@@ -85,7 +85,7 @@ pub enum Error {
         /// Features that the weights want.
         found: usize,
     },
-    /// Weights of a head that was not trained on refined scenes.
+    /// Weights of a head, not of a corrector.
     #[error(
         "{weights}: wants {found} geometric features per anchor, a corrector has {expected}: expected weights that `train` wrote with the setting `refined`"
     )]
@@ -150,8 +150,8 @@ pub enum Error {
         "a corrector changes the Gaussian of each anchor: merged Gaussians, and those of DepthSplat's head, have none"
     )]
     NothingToCorrect,
-    /// Colours of a refined scene that no head can make.
-    #[error("a corrector changes colours of SH degree 2 or less, the refined scene has {found}")]
+    /// Colours of a scene that no head can make.
+    #[error("a corrector changes colours of SH degree 2 or less, the scene has {found}")]
     CorrectedColours {
         /// The degree.
         found: usize,

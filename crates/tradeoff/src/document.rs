@@ -86,7 +86,7 @@ fn with_spread(value: f64, digits: usize, spread: Option<f64>) -> String {
 /// How the shares are to be read.
 pub(super) const SHARES: &str = "\
 Between measured counts PSNR is interpolated linearly over the logarithm of the count. Each curve is compared with one Gaussian per \
-pixel by the same head. The paper's 22 % are 150k of 688k Gaussians (24.20 against 24.17 dB on DL3DV). They compare two networks: \
+pixel by the same head. Merged Gaussians and those of the closed form are not corrected. The paper's 22 % are 150k of 688k Gaussians (24.20 against 24.17 dB on DL3DV). They compare two networks: \
 DepthSplat, trained for one Gaussian per pixel, and a head trained with entropy sampling. Here both ends of a curve have the same \
 backbone and the same head. A learned head that was trained on few pixels is not at its best with one anchor per pixel; the closed \
 form was trained for neither. If random pixels also reach the pixel-aligned PSNR, the share tells how redundant one Gaussian per \
@@ -274,7 +274,8 @@ pub fn to_markdown(summary: &Summary, machine: &str, command: &str, plots: &[(&s
     let _ = writeln!(
         text,
         "\nRinged points are on the Pareto front: no other point has more quality at the same cost or less. The name of a point says what \
-         differs from the base, which is {}. Points with measured depth, and points that differ only in rendering, are left out of the front.\n",
+         differs from the base, which is {}. Points with measured depth, and points that differ only in rendering, are left out of the front. \
+         *Looks and after* are looks, correction, refinement and writing.\n",
         summary.points.iter().find(|row| row.label.base).map_or("none", |row| &row.label.point)
     );
     if !summary.shares.is_empty() {

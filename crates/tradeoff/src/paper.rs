@@ -211,7 +211,8 @@ impl PaperTable {
             Self::Main => vec![
                 text(
                     "The paper's figures are for DL3DV's 140 test scenes at 256x448, with each system's own training, on a GPU. Ours are \
-                     for the stated data, with one backbone and one head for all rows: only the allocation differs.",
+                     for the stated data, with one backbone and one head for all rows: only the allocation differs. Looks and correction are ours, not the paper's; merged \
+                     Gaussians have no anchors of their own, so they are not corrected.",
                 ),
                 lpips,
             ],

@@ -160,7 +160,7 @@ struct Predictors {
 
 impl Predictors {
     fn with(&mut self, method: &Method) -> Result<Predictor> {
-        let config = method.predict.clone();
+        let config = method.pass();
         let predictor = match &self.last {
             Some(last) => last.with_config(config)?,
             None => Predictor::on(config, self.device)?,

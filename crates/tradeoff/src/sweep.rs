@@ -23,7 +23,7 @@ pub enum Axis {
     Correction,
     /// How pixels are drawn.
     Sampler,
-    /// Steps on the photographs after the pass.
+    /// Steps on the photographs, after the looks.
     Refinement,
     /// Size of the photographs that the pass is given; targets keep theirs.
     Resolution,
@@ -296,7 +296,7 @@ pub fn points(
     for &looks in extent.looks().iter().filter(|&&looks| looks != config.looks) {
         all.vary(Axis::Looks, &format!("looks-{looks}"), |config| config.looks = looks);
     }
-    if corrects(config) {
+    if corrects(&base.pass()) {
         all.vary(Axis::Correction, "uncorrected", |config| config.correction = Correction::Off);
     }
     let (sampler, name) = match config.sampler {
@@ -317,12 +317,11 @@ pub fn points(
         for &steps in extent.refinement() {
             let refine = refine::Config { stop: Stop::Steps(steps), ..refine::Config::default() };
             let refined = Method::refined(config.clone(), refine);
-            let uncorrected =
-                (extent.uncorrected() == Some(steps) && corrects(&refined.predict)).then(|| {
-                    let mut method = refined.clone();
-                    method.predict.correction = Correction::Off;
-                    method
-                });
+            let uncorrected = (extent.uncorrected() == Some(steps) && corrects(&refined.pass())).then(|| {
+                let mut method = refined.clone();
+                method.predict.correction = Correction::Off;
+                method
+            });
             all.add(Axis::Refinement, &format!("refine-{steps}"), |point| point.method = refined);
             if let Some(method) = uncorrected {
                 all.add(Axis::Refinement, &format!("refine-{steps}-uncorrected"), |point| {

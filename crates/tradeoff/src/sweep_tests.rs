@@ -33,13 +33,43 @@ fn every_point_but_those_of_other_budgets_differs_from_the_base_in_one_setting()
         }
         let json = |method: &Method| serde_json::to_value(method).unwrap();
         let (a, b) = (json(&base), json(&point.method));
-        // The correction is part of a refinement.
-        let part = |key: &str| key == "correction" && a["refine"] != b["refine"];
+        // One point with a refinement has no correction.
+        let part = |key: &str| key == "correction" && point.label.point == "refine-60-uncorrected";
         let differs = |(key, value): &(&String, &serde_json::Value)| b[key.as_str()] != **value && !part(key);
         let changed = a.as_object().unwrap().iter().filter(differs);
         let changed =
             changed.count() + usize::from(point.cuts != Cuts::default()) + usize::from(point.shrink != 1);
         assert_eq!(changed, 1, "{}", point.label.point);
+    }
+}
+
+#[test]
+fn what_is_corrected_and_what_not() {
+    let all = swept(&Method::feed_forward(Config::default()), Extent::Full);
+    let uncorrected = all.iter().filter(|point| !corrects(&point.method.pass()));
+    let names: Vec<&str> = uncorrected.map(|point| point.label.point.as_str()).collect();
+    let alone = ["looks-1", "uncorrected", "refine-60-uncorrected", "given-depth"];
+    let is_known = |name: &&str| {
+        alone.contains(name) || ["merged-", "closed-form-"].iter().any(|kind| name.starts_with(kind))
+    };
+    assert!(names.iter().all(is_known), "{names:?}");
+    assert!(alone[..3].iter().all(|name| names.contains(name)), "{names:?}");
+    // There is nothing to leave out where nothing corrects.
+    for config in [
+        Config { head: Head::ClosedForm, ..Config::default() },
+        Config { correction: Correction::Off, ..Config::default() },
+        Config { looks: 1, ..Config::default() },
+    ] {
+        let all = swept(&Method::feed_forward(config), Extent::Full);
+        assert!(all.iter().all(|point| point.label.point != "uncorrected"));
+    }
+    // Weights that are named are for the base's backbone, and for Gaussians with anchors.
+    let named = Config { correction: Correction::Weights("w".into()), ..Config::default() };
+    for point in swept(&Method::feed_forward(named), Extent::Full) {
+        let Config { allocation, backbone, correction, .. } = &point.method.predict;
+        let fits = *allocation != Allocation::Merged && *backbone != Backbone::GivenDepth;
+        let off = point.label.point.ends_with("uncorrected") || !fits;
+        assert_eq!(*correction == Correction::Off, off, "{}", point.label.point);
     }
 }
 

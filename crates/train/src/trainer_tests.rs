@@ -276,7 +276,7 @@ fn a_corrector_is_trained_on_refined_scenes_and_resumed_to_the_bit() {
     let folder = tempfile::tempdir().unwrap();
     let config = Config {
         head: Kind::Grid,
-        refined: vec![2, 3],
+        refined: vec![2, 0],
         reuse: 2,
         batch: 1,
         density: [0.05, 0.05],

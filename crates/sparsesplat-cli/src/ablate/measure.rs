@@ -11,7 +11,7 @@ use anyhow::Context;
 use evaluate::{Event, Lpips, Method, Runner, Spread, evaluate};
 use scene_windows::{Dropped, GeometryCache, Plan, file_sha256};
 use serde::{Deserialize, Serialize};
-use sparsesplat::{Budget, Head};
+use sparsesplat::{Budget, Correction, Head};
 use std::path::Path;
 use train::Config;
 
@@ -83,6 +83,7 @@ impl Measure<'_> {
             budget: Budget::Gaussians(self.arguments.gaussians),
             // Heads are compared, not what comes after them.
             looks: 1,
+            correction: Correction::Off,
             ..sparsesplat::Config::default()
         };
         let hash = |path: &Path| {

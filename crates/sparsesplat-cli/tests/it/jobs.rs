@@ -180,7 +180,15 @@ fn refinement_makes_the_scene_better_and_says_how() {
     assert_eq!((steps.len(), number(&refinement["undone"])), (20, 0.0));
     assert!(number(&steps[19]["psnr_context"]) > number(&refinement["psnr_start"]));
     let curve = refinement["curve"].as_array().unwrap();
-    assert_eq!((number(&curve[0]["psnr_held_out"]), number(&curve[0]["step"])), (before, 0.0));
+    // The curve begins with the scene that is refined, which is not corrected; the pass alone is.
+    assert_eq!(number(&curve[0]["step"]), 0.0);
+    assert!(before > number(&curve[0]["psnr_held_out"]), "{before}");
+    assert_eq!(scene["seeds"][0]["corrected_by"], refinement["corrected"]["by"]);
+    let pass = ["--json", json_path];
+    call(&[&eval[..], &depth, &pass].concat()).succeeded();
+    let passed = &read_json(&json)["scenes"][0];
+    assert_eq!(number(&passed["psnr_held_out"]), before);
+    assert!(passed["seeds"][0]["corrected_by"].as_str().unwrap().contains("refined-grid"));
     // The steps, and then the correction, which takes none of them.
     let [.., last, corrected] = &curve[..] else { panic!("a curve of points") };
     assert_eq!([last, corrected].map(|point| number(&point["step"])), [20.0; 2]);
@@ -201,7 +209,7 @@ fn refinement_makes_the_scene_better_and_says_how() {
     let (said, uncorrected) = scene(&["--refine", "5", "--corrector", "off"]);
     assert!(!said.contains("corrected") && uncorrected != refined, "{said}");
     assert!(refined == scene(&["--refine", "5", "--threads", "1"]).1, "threads make a difference");
-    // Without a step it is the scene of the pass, which is corrected too.
+    // Without a step it is the scene of the pass, which is corrected too; none of its Gaussians is too faint to be drawn.
     let (said, unrefined) = scene(&["--refine-seconds", "0"]);
     assert!(said.contains("refined    0 steps") && said.contains("then corrected"), "{said}");
     let (said, passed) = scene(&[]);

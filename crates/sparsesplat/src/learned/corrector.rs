@@ -1,4 +1,4 @@
-//! The corrector: a second head, which looks once at a scene that followed the photographs, by further looks or by a refinement.
+//! The corrector: a second head, which looks once at a scene after its gradient steps, those of further looks or of a refinement.
 //!
 //! Gradient steps follow the photographs alone. The corrector has learned from held-out views what such steps get wrong, and corrects the
 //! scene as the first head corrects the closed form (docs/refine.md). The paper has neither.

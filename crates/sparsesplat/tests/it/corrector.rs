@@ -92,6 +92,11 @@ fn one_without_training_leaves_the_scene_as_it_is() {
     let features = (FEATURES.to_owned(), depth_backbone::PlaneSweep::SCHEMA.to_owned());
     Weights { metadata: [features].into(), ..Weights::initial(config, 0).unwrap() }.write(&path).unwrap();
     let config = Config { correction: Correction::Weights(path), ..refined_later(800) };
+    // After a single look too, where it is named.
+    let passed = run(&COURTYARD.0, &Config { refined_later: false, ..config.clone() });
+    let off = run(&COURTYARD.0, &Config { correction: Correction::Off, ..plane_sweep(800) });
+    assert!(passed.corrected_by.is_some() && off.corrected_by.is_none());
+    assert_eq!(passed.gaussians, off.gaussians);
     for exposure in [Exposure::AsPhotographed, Exposure::Common] {
         let (_, corrector, refined) = refined(&Config { exposure, ..config.clone() }, 2);
         assert_eq!(corrector.clone().corrected(refined.clone(), &COURTYARD.0).unwrap(), refined);
@@ -152,9 +157,11 @@ fn values_that_are_not_finite_do_not_spread() {
 
 #[test]
 fn where_gaussians_have_no_anchors_there_is_none() {
-    let merged = Config { allocation: Allocation::Merged, ..plane_sweep(500) };
+    assert!(run(&COURTYARD.0, &passing(500)).corrected_by.is_some());
+    let merged = Config { allocation: Allocation::Merged, ..passing(500) };
     assert!(run(&COURTYARD.0, &merged).corrected_by.is_none());
-    assert!(run(&COURTYARD.0, &given_depth(500)).corrected_by.is_none(), "it was trained on stereo");
+    let measured = Config { looks: Config::default().looks, ..given_depth(500) };
+    assert!(run(&COURTYARD.0, &measured).corrected_by.is_none(), "it was trained on stereo");
     let named = Config { correction: Correction::Weights("w".into()), ..merged };
     assert!(matches!(predict(&COURTYARD.0, &named), Err(Error::NothingToCorrect)));
     let missing =
