@@ -96,7 +96,7 @@ pub(crate) struct Pipeline {
     /// Neighbours of each anchor
     #[arg(long, value_name = "K", value_parser = positive, default_value_t = 20, hide_short_help = true)]
     pub(crate) neighbours: usize,
-    /// Gradient steps on the photographs, after the looks and before the correction (try 60, then 240)
+    /// Gradient steps on the photographs after the looks (try 60, then 240)
     #[arg(
         long,
         value_name = "STEPS",
