@@ -246,7 +246,7 @@ impl<'a> Work<'a> {
     /// From now on these views are compared, of which the first are those so far. Nothing is known of the derivatives of the others, so the
     /// optimiser begins anew.
     fn begin_anew(&mut self, views: Vec<&'a View>) {
-        self.objective = Objective::new(&self.gaussians, views, &self.config, self.objective.low_pass());
+        self.objective = Objective::new(&self.gaussians, views, self.config, self.objective.low_pass());
         self.geometry_moments = Moments::new(self.gaussians.geometry().len());
         self.sh_moments = Moments::new(self.gaussians.sh().len());
         self.updates = 0;
