@@ -1,5 +1,4 @@
 use crate::{Error, Result};
-use gs_raster::RenderSettings;
 use serde::{Deserialize, Serialize};
 
 /// How to refine. The defaults are those of our tables; how they were found is in docs/journal/2026-11-looks.md.
@@ -32,9 +31,6 @@ pub struct Config {
     pub largest: f32,
     /// What is made small.
     pub loss: Loss,
-    /// Opacity below which a Gaussian is not drawn into a pixel while the scene is compared. Renderings of the result draw from 1/255 on, the
-    /// default; more leaves out the faint rims of Gaussians, and takes less time.
-    pub alpha_min: f32,
     /// SH degree of the result, 0 to 3, if above that of the scene: its new coefficients start at 0.
     pub sh_degree: usize,
     /// Whether a gain and a bias per view take up what the views disagree in, if they do. For a scene in one exposure: colours that change with
@@ -69,7 +65,6 @@ impl Default for Config {
             damping: 2.5,
             largest: 1.0,
             loss: Loss::default(),
-            alpha_min: RenderSettings::default().alpha_min,
             sh_degree: 0,
             exposure: true,
             measure_start: true,
@@ -170,8 +165,6 @@ impl Config {
             last_rate: of_one(0.45),
             momentum: 0.4,
             loss: Loss { dssim: 0.08, ..Loss::default() },
-            // Twice the threshold of renderings takes a fourteenth of the time, and nothing that could be measured.
-            alpha_min: 2.0 / 255.0,
             measure_start: false,
             between: false,
             prune: false,
@@ -207,12 +200,6 @@ impl Config {
                 "a finite number of at least 0",
             ),
             ("views_per_step", self.views_per_step as f64, self.views_per_step > 0, "at least 1"),
-            (
-                "alpha_min",
-                f64::from(self.alpha_min),
-                (1e-6..0.1).contains(&self.alpha_min),
-                "a number from 1e-6 to below 0.1",
-            ),
             ("coarse", f64::from(self.coarse), (0.0..=1.0).contains(&self.coarse), "a number from 0 to 1"),
             (
                 "last_rate",

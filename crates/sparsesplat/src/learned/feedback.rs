@@ -21,7 +21,7 @@ use crate::anchored::Anchored;
 use crate::{Error, Result};
 use glam::Vec3;
 use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, near_plane};
-use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0, View, sh_coefficients};
+use gs_scene::{Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, SH_C0, View, sh_coefficients};
 use rayon::prelude::*;
 
 /// Numbers by the pixels of the own view, and as many by those of the others.
@@ -36,9 +36,6 @@ const DARKEST: f32 = 1e-4;
 const AT_ONCE: usize = 2;
 /// Anchors per parallel task.
 const ROWS: usize = 4096;
-/// Opacity below which a Gaussian is not drawn into a pixel: four times that of renderings. Faint rims tell next to nothing, and take a sixth of the
-/// time (docs/journal/2026-11-looks.md).
-const ALPHA_MIN: f32 = 4.0 / 255.0;
 /// Share of the cell's area that is added to Σ w: what is hardly seen is told little.
 const AREA_SHARE: f32 = 0.1;
 
@@ -100,7 +97,7 @@ fn descent(
     rasterizer: &mut Rasterizer,
 ) -> Result<(Gradients, Vec<[f32; 2]>)> {
     let camera = std::slice::from_ref(view.camera());
-    let settings = settings(base, view.camera());
+    let settings = RenderSettings { near: near_plane(base, view.camera()), ..RenderSettings::default() };
     let failed = |error| Error::Feedback { view: view.name().to_owned(), source: Box::new(error) };
     let (rendered, tape) = rasterizer.record(scene, camera, &settings).map_err(failed)?;
     let rendered = rendered[0].image.data();
@@ -109,11 +106,6 @@ fn descent(
     let squares = error.chunks_exact(3).map(|e| e.iter().map(|e| e * e).sum()).collect();
     let pixels = PixelGradients { image: error.into(), alpha: None, depth: None };
     rasterizer.backward_with_shares(scene, &tape, &[pixels], &[squares]).map_err(failed)
-}
-
-/// How it is rendered into a camera; the near plane is that of `base`.
-fn settings(base: &Gaussians, camera: &Camera) -> RenderSettings {
-    RenderSettings { near: near_plane(base, camera), alpha_min: ALPHA_MIN, ..RenderSettings::default() }
 }
 
 /// What is rendered: Gaussians of the anchors and the far shell.
@@ -149,7 +141,7 @@ mod tests {
     use crate::learned::{HeadInputs, geometry_features};
     use crate::{Allocation, Backbone, Budget, Config, Stages, Wanted, anchor};
     use glam::{DMat3, DVec3};
-    use gs_scene::{DepthMap, View};
+    use gs_scene::{Camera, DepthMap, View};
     use scene_sim::{Traced, demo_cameras, demo_scene, render_view};
     use std::sync::LazyLock;
 
@@ -206,7 +198,8 @@ mod tests {
     fn photograph_itself(anchored: &mut Anchored, add: [f32; 3]) {
         let scene = rendered(anchored);
         for view in &mut anchored.views {
-            let settings = settings(&anchored.base, view.camera());
+            let near = near_plane(&anchored.base, view.camera());
+            let settings = RenderSettings { near, ..RenderSettings::default() };
             let rendered = Rasterizer::cpu().render(&scene, view.camera(), &settings).unwrap();
             let values = rendered.image.data().iter().zip(add.into_iter().cycle());
             view.image_mut().data_mut().iter_mut().zip(values).for_each(|(to, (a, b))| *to = a + b);
