@@ -6,6 +6,7 @@ mod blend;
 mod blend_backward;
 mod ellipsoids;
 mod footprint;
+mod local;
 pub(crate) mod math;
 mod order;
 mod project;
@@ -14,6 +15,7 @@ mod sh;
 mod shape;
 mod span;
 mod sums;
+mod tile;
 mod vector3;
 
 use crate::settings::{INTERSECTIONS_MAX, INTERSECTIONS_MAX_RECORDED};

@@ -6,10 +6,9 @@
 //! 1 - α at each step, the very number it was multiplied by.
 
 use super::bin::{Places, chunk_size};
-use super::blend::{
-    LANES, Limits, Lists, Local, PATCHES, Plane, Row, SIDE, Trace, any, origin, patch, vectors, vectors_mut,
-};
-use super::project::{BATCH, Splat};
+use super::blend::{Lists, Trace};
+use super::local::{Batch, Limits, Local};
+use super::tile::{Buffer, LANES, PATCHES, Place, Plane, at, integers_at, origin, patch, put};
 use super::{Grid, TILE};
 use crate::gradients::{finite, largest_magnitude};
 use crate::{PixelGradients, RenderSettings};
@@ -19,7 +18,7 @@ use cpu_kernels::vector::select;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Sums over pixels of s = ∂L/∂log₂α, of its products with the distances (dx, dy) of [`Touch`](super::blend::Touch), and of the gradients by
+/// Sums over pixels of s = ∂L/∂log₂α, of its products with the distances (dx, dy) of [`Touch`](super::local::Touch), and of the gradients by
 /// colour and z-depth: s, s dx, s dx², s dy, s dy², s dx dy, red, green, blue, depth. Then, of the splat's share w in a
 /// pixel, Σ w and Σ w v with v the values to be weighted.
 pub(super) type Moments = [f32; MOMENTS];
@@ -231,36 +230,35 @@ impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { tile, moments, lists, index, limits } = self;
         let origin = origin(lists.grid, index);
-        let mut place = moments.len() as i32 + 1;
-        let mut batch = [Splat::NONE; BATCH];
-        for indices in lists.bins.pieces(index).rev().flat_map(|piece| piece.rchunks(BATCH)) {
-            if place - indices.len() as i32 > tile.last {
-                place -= indices.len() as i32;
-                continue;
-            }
-            for splat in lists.splats.fetch(indices, &mut batch).iter().rev() {
-                place -= 1;
-                if place > tile.last {
-                    continue;
-                }
-                let local = Local::new(splat, origin);
-                let zero = simd.splat_f32s(0.0);
-                let mut found = [zero; MOMENTS];
-                for y in local.rows.clone() {
-                    for v in 0..LANES / S::F32_LANES {
-                        if let Some(row) = local.row(simd, y, v) {
-                            let mut sums = Sums::<S> { s: [zero; 3], weight: [zero; 6] };
-                            for x in local.columns.clone() {
-                                let target = Place { patch: (y * SIDE + x) % PATCHES, v, x, place };
-                                blend_vector::<S, DEPTH, SHARED>(
-                                    simd, tile, splat, target, &row, limits, &mut sums,
-                                );
-                            }
-                            sums.add_to::<DEPTH, SHARED>(simd, row.dy, &mut found);
-                        }
-                    }
-                }
-                let moments = &mut moments[place as usize - 1];
+        let mut batch = Batch::EMPTY;
+        // What follows on the last splat that may be drawn has no moments.
+        let skipped = moments.len() - tile.last as usize;
+        let mut indices = lists.bins.pieces(index).flatten().rev().skip(skipped);
+        let mut moments = (0..tile.last).zip(moments).rev();
+        let (mut alphas, mut dxs) = (Buffer::EMPTY, Buffer::EMPTY);
+        let (alphas, dxs) = (alphas.vectors::<S>(), dxs.vectors::<S>());
+        while moments.len() > 0 {
+            batch.fill(simd, lists.splats, &mut indices, origin, limits);
+            for ((splat, strips), (before, moments)) in batch.splats().zip(&mut moments) {
+                strips.for_each::<S>(
+                    #[inline(always)]
+                    |k, place| {
+                        let touch = splat.touch(simd, place, limits);
+                        let done = integers_at::<S>(&tile.done, place);
+                        let is_lit = simd.greater_than_i32s(done, simd.splat_i32s(before + 1));
+                        let drawn = simd.and_m32s(touch.is_seen, is_lit);
+                        alphas[k] = select(simd, drawn, touch.alpha, simd.splat_f32s(0.0));
+                        dxs[k] = touch.dx;
+                    },
+                );
+                let mut found = [simd.splat_f32s(0.0); MOMENTS];
+                strips.for_each::<S>(
+                    #[inline(always)]
+                    |k, place| {
+                        let touch = (alphas[k], dxs[k], splat.dy(simd, place));
+                        blend_vector::<S, DEPTH, SHARED>(simd, tile, splat, place, touch, limits, &mut found);
+                    },
+                );
                 for k in summed::<DEPTH, SHARED>() {
                     moments[k] = simd.reduce_sum_f32s(found[k]);
                 }
@@ -275,102 +273,54 @@ fn summed<const DEPTH: bool, const SHARED: bool>() -> impl Iterator<Item = usize
     (0..MOMENTS).filter(|&k| if k >= SHARES { SHARED } else { k < 9 || DEPTH })
 }
 
-/// Which patch of a tile and vector of the patch, in which column of patches, and which splat of the tile, counted from 1.
-#[derive(Clone, Copy)]
-struct Place {
-    patch: usize,
-    v: usize,
-    x: usize,
-    place: i32,
-}
-
-/// Sums of a splat over the patches of a row: s, s dx, s dx²; and of its share the products with the gradients by colour and
-/// depth, the share itself and its product with the values. Along a row dy is the
-/// same, so that its products are made at the end.
-struct Sums<S: Simd> {
-    s: [S::f32s; 3],
-    weight: [S::f32s; 6],
-}
-
-impl<S: Simd> Sums<S> {
-    #[inline(always)]
-    fn add_to<const DEPTH: bool, const SHARED: bool>(
-        self,
-        simd: S,
-        dy: S::f32s,
-        found: &mut [S::f32s; MOMENTS],
-    ) {
-        let [s, s_dx, s_dxdx] = self.s;
-        let s_dy = simd.mul_f32s(s, dy);
-        found[0] = simd.add_f32s(found[0], s);
-        found[1] = simd.add_f32s(found[1], s_dx);
-        found[2] = simd.add_f32s(found[2], s_dxdx);
-        found[3] = simd.add_f32s(found[3], s_dy);
-        found[4] = simd.mul_add_e_f32s(s_dy, dy, found[4]);
-        found[5] = simd.mul_add_e_f32s(s_dx, dy, found[5]);
-        for k in summed::<DEPTH, SHARED>().filter(|&k| k >= 6) {
-            found[k] = simd.add_f32s(found[k], self.weight[k - 6]);
-        }
-    }
-}
-
 /// Takes a splat from a vector of pixels, and adds what its gradients are there.
 #[inline(always)]
 fn blend_vector<S: Simd, const DEPTH: bool, const SHARED: bool>(
     simd: S,
     tile: &mut Tile,
-    splat: &Splat,
-    Place { patch, v, x, place }: Place,
-    row: &Row<S>,
+    splat: &Local,
+    place: Place,
+    (alpha, dx, dy): (S::f32s, S::f32s, S::f32s),
     limits: Limits,
-    sums: &mut Sums<S>,
+    found: &mut [S::f32s; MOMENTS],
 ) {
-    let number = |v: f32| simd.splat_f32s(v);
-    let touch = row.touch(simd, x, limits);
-    let done = S::as_simd_i32s(&tile.done[patch]).0[v];
-    let drawn = simd.and_m32s(touch.is_seen, simd.greater_than_i32s(done, simd.splat_i32s(place)));
-    if !any(simd, drawn) {
-        return;
-    }
-    // What is needed last is made first, of as few vectors as there are: AVX2 has sixteen.
-    let (unclamped, alpha) = touch.alpha(simd, limits);
-    // A clamped opacity does not follow the splat.
-    let clamped = simd.greater_than_f32s(unclamped, number(limits.alpha_max));
-    let follows = simd.and_m32s(drawn, simd.not_m32s(clamped));
+    let all = |v: f32| simd.splat_f32s(v);
     // Where the splat is not drawn its share is 0, and nothing changes: no select of what is stored, which would be a masked store.
-    let share = select(simd, drawn, alpha, number(0.0));
-    let transmittance = &mut vectors_mut::<S>(&mut tile.transmittance[patch])[v];
-    let before = simd.div_f32s(*transmittance, simd.sub_f32s(number(1.0), share));
-    *transmittance = before;
-    let slope = simd.mul_f32s(simd.mul_f32s(number(LN_2), share), before);
+    let share = simd.min_f32s(alpha, all(limits.alpha_max));
+    let after = at::<S>(&tile.transmittance, place);
+    let before = simd.div_f32s(after, simd.sub_f32s(all(1.0), share));
+    put::<S>(&mut tile.transmittance, place, before);
     let weight = simd.mul_f32s(before, share);
-
     if SHARED {
-        let value = vectors::<S>(&tile.values[patch])[v];
-        sums.weight[4] = simd.add_f32s(sums.weight[4], weight);
-        sums.weight[5] = simd.mul_add_e_f32s(weight, value, sums.weight[5]);
+        found[10] = simd.add_f32s(found[10], weight);
+        found[11] = simd.mul_add_e_f32s(weight, at::<S>(&tile.values, place), found[11]);
     }
-    let rgb = [0, 1, 2].map(|channel| vectors::<S>(&tile.rgb[channel][patch])[v]);
-    for (sum, gradient) in sums.weight.iter_mut().zip(rgb) {
+    let rgb = [0, 1, 2].map(|channel| at::<S>(&tile.rgb[channel], place));
+    for (sum, gradient) in found[6..9].iter_mut().zip(rgb) {
         *sum = simd.mul_add_e_f32s(weight, gradient, *sum);
     }
-    let mut q = simd.mul_f32s(rgb[0], number(splat.rgb[0]));
-    q = simd.mul_add_e_f32s(rgb[1], number(splat.rgb[1]), q);
-    q = simd.mul_add_e_f32s(rgb[2], number(splat.rgb[2]), q);
+    let mut q = simd.mul_f32s(rgb[0], all(splat.rgb[0]));
+    q = simd.mul_add_e_f32s(rgb[1], all(splat.rgb[1]), q);
+    q = simd.mul_add_e_f32s(rgb[2], all(splat.rgb[2]), q);
     if DEPTH {
-        let depth = vectors::<S>(&tile.depth[patch])[v];
-        sums.weight[3] = simd.mul_add_e_f32s(weight, depth, sums.weight[3]);
-        let expected = vectors::<S>(&tile.expected[patch])[v];
-        let from_expected = simd.sub_f32s(number(splat.depth - tile.nearest), expected);
+        let depth = at::<S>(&tile.depth, place);
+        found[9] = simd.mul_add_e_f32s(weight, depth, found[9]);
+        let from_expected = simd.sub_f32s(all(splat.depth - tile.nearest), at::<S>(&tile.expected, place));
         q = simd.mul_add_e_f32s(depth, from_expected, q);
     }
-    let behind = &mut vectors_mut::<S>(&mut tile.behind[patch])[v];
-    let nearer = simd.sub_f32s(q, *behind);
-    *behind = simd.mul_add_e_f32s(share, nearer, *behind);
+    let behind = at::<S>(&tile.behind, place);
+    let nearer = simd.sub_f32s(q, behind);
+    put::<S>(&mut tile.behind, place, simd.mul_add_e_f32s(share, nearer, behind));
 
-    let s = select(simd, follows, simd.mul_f32s(slope, nearer), number(0.0));
-    let s_dx = simd.mul_f32s(s, touch.dx);
-    sums.s[0] = simd.add_f32s(sums.s[0], s);
-    sums.s[1] = simd.add_f32s(sums.s[1], s_dx);
-    sums.s[2] = simd.mul_add_e_f32s(s_dx, touch.dx, sums.s[2]);
+    // A clamped opacity does not follow the splat.
+    let clamped = simd.greater_than_f32s(alpha, all(limits.alpha_max));
+    let slope = select(simd, clamped, all(0.0), simd.mul_f32s(all(LN_2), weight));
+    let s = simd.mul_f32s(slope, nearer);
+    let (s_dx, s_dy) = (simd.mul_f32s(s, dx), simd.mul_f32s(s, dy));
+    found[0] = simd.add_f32s(found[0], s);
+    found[1] = simd.add_f32s(found[1], s_dx);
+    found[2] = simd.mul_add_e_f32s(s_dx, dx, found[2]);
+    found[3] = simd.add_f32s(found[3], s_dy);
+    found[4] = simd.mul_add_e_f32s(s_dy, dy, found[4]);
+    found[5] = simd.mul_add_e_f32s(s_dx, dy, found[5]);
 }

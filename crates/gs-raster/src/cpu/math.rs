@@ -18,12 +18,13 @@ pub(super) fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
     const ROUND: f32 = 12_582_912.0;
     // The coefficient of the highest power first.
     const P: [f32; 6] = [0.001_327_647_3, 0.009_675_542, 0.055_507_13, 0.240_221_2, 0.693_146_94, 1.0];
-    let rounded = simd.add_f32s(x, simd.splat_f32s(ROUND));
-    let f = simd.sub_f32s(x, simd.sub_f32s(rounded, simd.splat_f32s(ROUND)));
-    let mut p = simd.splat_f32s(P[0]);
-    for &coefficient in &P[1..] {
-        p = simd.mul_add_e_f32s(p, f, simd.splat_f32s(coefficient));
-    }
+    let number = |v: f32| simd.splat_f32s(v);
+    let rounded = simd.add_f32s(x, number(ROUND));
+    let f = simd.sub_f32s(x, simd.sub_f32s(rounded, number(ROUND)));
+    // In pairs, so that one step waits for two others and not for five.
+    let f2 = simd.mul_f32s(f, f);
+    let pair = |i: usize| simd.mul_add_e_f32s(number(P[i]), f, number(P[i + 1]));
+    let p = simd.mul_add_e_f32s(simd.mul_add_e_f32s(pair(0), f2, pair(2)), f2, pair(4));
     let power = simd.wrapping_dyn_shl_u32s(cast(rounded), simd.splat_u32s(23));
     cast(simd.add_u32s(cast(p), power))
 }

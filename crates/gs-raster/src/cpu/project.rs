@@ -22,7 +22,7 @@ pub(super) const CHUNK: usize = 1 << CHUNK_BITS;
 /// Splats that are fetched together: by depth, neighbours lie far apart in memory, and the waits for them overlap.
 pub(super) const BATCH: usize = 32;
 
-/// The footprint of one Gaussian in the image: 64 bytes, one cache line.
+/// The footprint of one Gaussian in the image: one cache line of 64 bytes.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Splat {
@@ -41,8 +41,6 @@ pub(super) struct Splat {
     pub(super) shear: f32,
     /// Half width of the ellipse outside which alpha is below `alpha_min`, pixels.
     pub(super) half_width: f32,
-    /// First and last row of the image that the ellipse may touch.
-    pub(super) rows: [u32; 2],
     /// Which Gaussian of its chunk.
     pub(super) gaussian: u32,
 }
@@ -57,7 +55,6 @@ impl Splat {
         depth: 0.0,
         shear: 0.0,
         half_width: 0.0,
-        rows: [0; 2],
         gaussian: 0,
     };
 }

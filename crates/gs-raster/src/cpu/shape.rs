@@ -217,7 +217,6 @@ impl Shapes {
             depth: self.depth[place],
             shear: self.shear[place],
             half_width: self.half_width[place],
-            rows: self.ends(1, place),
             gaussian,
         }
     }
