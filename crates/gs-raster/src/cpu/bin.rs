@@ -85,19 +85,25 @@ impl Places<'_> {
         self.lists.counts.len()
     }
 
-    /// Calls `visit` for each splat of the chunk, in the order of depth, with its tiles and its place in each.
-    pub(super) fn for_each(mut self, mut visit: impl FnMut(&[(usize, usize)])) {
+    /// Calls `visit` for the splats of the chunk, in the order of depth and [`BATCH`] at a time: with their tiles and the place in each, and with how
+    /// many of these are of each splat.
+    pub(super) fn for_each_batch(mut self, mut visit: impl FnMut(&[(usize, usize)], &[u32])) {
         let mut spans = self.lists.spans.iter();
         let mut places = Vec::new();
-        for &count in &self.lists.counts {
+        let mut of_splat = [0; BATCH];
+        for counts in self.lists.counts.chunks(BATCH) {
             places.clear();
-            for span in spans.by_ref().take(count as usize) {
-                for tile in span.start as usize..span.end as usize {
-                    places.push((tile, self.cursors[tile] as usize));
-                    self.cursors[tile] += 1;
+            for (of_splat, &count) in of_splat.iter_mut().zip(counts) {
+                let before = places.len();
+                for span in spans.by_ref().take(count as usize) {
+                    for tile in span.start as usize..span.end as usize {
+                        places.push((tile, self.cursors[tile] as usize));
+                        self.cursors[tile] += 1;
+                    }
                 }
+                *of_splat = (places.len() - before) as u32;
             }
-            visit(&places);
+            visit(&places, &of_splat[..counts.len()]);
         }
     }
 }

@@ -12,7 +12,7 @@ use super::tile::{Buffer, LANES, PATCHES, Place, Plane, at, integers_at, origin,
 use super::{Grid, TILE};
 use crate::gradients::{finite, largest_magnitude};
 use crate::{PixelGradients, RenderSettings};
-use cpu_kernels::dispatch;
+use cpu_kernels::{compiled_for, dispatch};
 use cpu_kernels::pulp::{Simd, WithSimd};
 use cpu_kernels::vector::select;
 use rayon::prelude::*;
@@ -76,7 +76,6 @@ pub(super) fn sum<'a>(
         .enumerate()
         .map(|(index, (moments, trace))| {
             let mut tile = Tile::new(lists.grid, index, trace, (pixels, values), settings, unit);
-            moments.fill([0.0; MOMENTS]);
             blend_tile(&mut tile, moments, lists, index, limits);
             (&*moments, tile.background)
         })
@@ -92,16 +91,23 @@ pub(super) fn sum<'a>(
     let moments = entries(by_splat, places.iter().map(Places::len).sum());
     moments.par_chunks_mut(chunk_size(lists.grid)).zip(places).for_each(|(moments, places)| {
         let mut moments = moments.iter_mut();
-        places.for_each(|places| {
-            let mut sum = [0.0; MOMENTS];
-            for &(tile, place) in places {
-                for (sum, &value) in sum.iter_mut().zip(&tiles[tile].0[place]) {
-                    *sum += f64::from(value);
+        let mut rows: Vec<Moments> = Vec::new();
+        places.for_each_batch(|places, of_splat| {
+            // They lie far apart in memory: all are read before the first is summed, so that the waits for them overlap.
+            rows.clear();
+            rows.extend(places.iter().map(|&(tile, place)| tiles[tile].0[place]));
+            compiled_for!(lists.isa, {
+                let mut rows = rows.iter();
+                for (&count, moments) in of_splat.iter().zip(moments.by_ref()) {
+                    let mut sum = [0.0; MOMENTS];
+                    for row in rows.by_ref().take(count as usize) {
+                        for (sum, &value) in sum.iter_mut().zip(row) {
+                            *sum += f64::from(value);
+                        }
+                    }
+                    *moments = sum.map(finite);
                 }
-            }
-            if let Some(moments) = moments.next() {
-                *moments = sum.map(finite);
-            }
+            });
         });
     });
     Summed { moments, unit, background }
@@ -233,6 +239,7 @@ impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED
         let mut batch = Batch::EMPTY;
         // What follows on the last splat that may be drawn has no moments.
         let skipped = moments.len() - tile.last as usize;
+        moments[tile.last as usize..].fill([0.0; MOMENTS]);
         let mut indices = lists.bins.pieces(index).flatten().rev().skip(skipped);
         let mut moments = (0..tile.last).zip(moments).rev();
         let (mut alphas, mut dxs) = (Buffer::EMPTY, Buffer::EMPTY);
@@ -259,6 +266,7 @@ impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED
                         blend_vector::<S, DEPTH, SHARED>(simd, tile, splat, place, touch, limits, &mut found);
                     },
                 );
+                *moments = [0.0; MOMENTS];
                 for k in summed::<DEPTH, SHARED>() {
                     moments[k] = simd.reduce_sum_f32s(found[k]);
                 }
