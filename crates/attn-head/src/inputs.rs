@@ -1,4 +1,5 @@
 use crate::{Config, Error, Kind, Result};
+use rayon::prelude::*;
 
 /// What a head sees of `n` anchors with `k` neighbours each.
 #[derive(Debug, Clone, Copy)]
@@ -50,12 +51,22 @@ impl Inputs<'_> {
             ("relative", self.relative.as_flattened(), 3 * k),
         ];
         for (what, values, per_anchor) in values {
-            if let Some(index) = values.iter().position(|v| !v.is_finite()) {
+            if let Some(index) = first_not_finite(values) {
                 return Err(Error::InputNotFinite { what, anchor: index / per_anchor });
             }
         }
         Ok(())
     }
+}
+
+/// The first number that is NaN or infinite.
+fn first_not_finite(values: &[f32]) -> Option<usize> {
+    const CHUNK: usize = 1 << 14;
+    // Without an early end, so that a chunk is read in vectors.
+    let is_finite = |chunk: &[f32]| chunk.iter().fold(true, |all, value| all & value.is_finite());
+    let chunk = values.par_chunks(CHUNK).position_first(|chunk| !is_finite(chunk))?;
+    let first = chunk * CHUNK;
+    values[first..].iter().position(|value| !value.is_finite()).map(|index| first + index)
 }
 
 /// That every anchor has its cells, if the head looks at them, and that they are named by anchors.

@@ -15,6 +15,8 @@ pub enum Activation {
     Gelu,
     /// x / (1 + e^-x).
     Silu,
+    /// tanh x.
+    Tanh,
 }
 
 impl Activation {
@@ -49,6 +51,10 @@ impl Activation {
                 let slope = simd.mul_f32s(logistic, simd.mul_add_e_f32s(x, rest, one));
                 (simd.mul_f32s(x, logistic), slope)
             }
+            Self::Tanh => {
+                let value = vector::tanh(simd, x);
+                (value, simd.negate_mul_add_e_f32s(value, value, one))
+            }
         }
     }
 }
@@ -82,6 +88,12 @@ impl WithSimd for Apply<'_> {
                 self.values,
                 #[inline(always)]
                 |x| vector::silu(simd, x),
+            ),
+            Activation::Tanh => vector::map(
+                simd,
+                self.values,
+                #[inline(always)]
+                |x| vector::tanh(simd, x),
             ),
         }
     }

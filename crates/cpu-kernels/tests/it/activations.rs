@@ -62,11 +62,12 @@ fn exponentials_agree_with_f64() {
 
 #[test]
 fn activations_and_their_slopes_agree_with_f64() {
-    let functions: [(Activation, &dyn Fn(f64) -> f64); 4] = [
+    let functions: [(Activation, &dyn Fn(f64) -> f64); 5] = [
         (Activation::Identity, &|x| x),
         (Activation::Relu, &|x: f64| x.max(0.0)),
         (Activation::Gelu, &gelu64),
         (Activation::Silu, &silu64),
+        (Activation::Tanh, &f64::tanh),
     ];
     // None is 0, where the slope of the ReLU is not defined; an odd number, so that a vector is left over.
     let xs: Vec<f32> = (-3000..3001).map(|i| i as f32 * 5e-3 + 1e-3).collect();
@@ -111,5 +112,9 @@ fn extremes_are_defined() {
             assert!((values[2] - least).abs() < 1e-4, "{isa}: {activation:?}(-1e30) = {}", values[2]);
             activation.apply(isa, &mut []);
         }
+        let mut values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -0.0];
+        Activation::Tanh.apply(isa, &mut values);
+        assert!(values[0].is_nan(), "{isa}: tanh hides what is not a number");
+        assert_eq!(values[1..], [1.0, -1.0, 1.0, 0.0], "{isa}");
     }
 }

@@ -12,9 +12,9 @@ use super::tile::{Buffer, LANES, PATCHES, Place, Plane, at, integers_at, origin,
 use super::{Grid, TILE};
 use crate::gradients::{finite, largest_magnitude};
 use crate::{PixelGradients, RenderSettings};
-use cpu_kernels::{compiled_for, dispatch};
 use cpu_kernels::pulp::{Simd, WithSimd};
 use cpu_kernels::vector::select;
+use cpu_kernels::{compiled_for, dispatch};
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 

@@ -22,6 +22,7 @@
 use super::rotate_sh::RotateSh;
 use crate::harmonics::{DEGREE, TERMS, basis};
 use attn_head::OUTPUTS;
+use cpu_kernels::{Activation, Isa};
 use glam::{DQuat, DVec3};
 use gs_scene::{Camera, Gaussians, LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION, sh_coefficients};
 use rayon::prelude::*;
@@ -66,9 +67,22 @@ pub struct Decoder {
     rotate_sh: Vec<RotateSh>,
 }
 
-/// b·tanh(x / b) of all outputs of an anchor.
-fn bounded(outputs: &[f32]) -> [f32; OUTPUTS] {
-    std::array::from_fn(|i| BOUNDS[i] * (outputs[i] / BOUNDS[i]).tanh())
+/// b·tanh(x / b) of the outputs x of all anchors.
+fn bounded(outputs: &[f32]) -> Vec<f32> {
+    let isa = Isa::in_use();
+    let mut changes = vec![0.0; outputs.len()];
+    let chunks = changes.par_chunks_mut(CHUNK * OUTPUTS).zip(outputs.par_chunks(CHUNK * OUTPUTS));
+    chunks.for_each(|(changes, outputs)| {
+        let rows = |changes: &mut [f32], f: fn(f32, f32) -> f32| {
+            let rows = changes.chunks_exact_mut(OUTPUTS);
+            rows.for_each(|row| row.iter_mut().zip(BOUNDS).for_each(|(x, bound)| *x = f(*x, bound)));
+        };
+        changes.copy_from_slice(outputs);
+        rows(changes, |x, bound| x / bound);
+        Activation::Tanh.apply(isa, changes);
+        rows(changes, |x, bound| x * bound);
+    });
+    changes
 }
 
 /// Quaternion product, (w, x, y, z).
@@ -187,31 +201,31 @@ impl Decoder {
     pub fn decode(&self, outputs: &[f32]) -> Gaussians {
         assert_eq!(outputs.len(), self.len() * OUTPUTS, "outputs of the head");
         const WIDTH: usize = Gaussians::GEOMETRY;
-        let means = self.mean_changes(outputs);
+        let changes = bounded(outputs);
+        let means = self.mean_changes(&changes);
         let mut geometry = self.base.geometry().to_vec();
         let mut sh = vec![0.0; self.len() * SH];
         geometry
             .par_chunks_mut(CHUNK * WIDTH)
             .zip(sh.par_chunks_mut(CHUNK * SH))
-            .zip(outputs.par_chunks(CHUNK * OUTPUTS))
+            .zip(changes.par_chunks(CHUNK * OUTPUTS))
             .enumerate()
-            .for_each(|(chunk, ((geometry, sh), outputs))| {
+            .for_each(|(chunk, ((geometry, sh), changes))| {
                 let rows = geometry.chunks_exact_mut(WIDTH).zip(sh.chunks_exact_mut(SH));
-                let rows = rows.zip(outputs.chunks_exact(OUTPUTS)).zip(chunk * CHUNK..);
-                rows.for_each(|(((geometry, sh), outputs), anchor)| {
-                    self.row(anchor, outputs, &means, geometry, sh);
+                let rows = rows.zip(changes.chunks_exact(OUTPUTS)).zip(chunk * CHUNK..);
+                rows.for_each(|(((geometry, sh), change), anchor)| {
+                    self.row(anchor, change, &means, geometry, sh);
                 });
             });
         Gaussians::new(DEGREE, geometry, sh).expect("lengths as computed")
     }
 
-    /// Mean change of colour of each view by these outputs, as a constant coefficient `[rgb]`.
-    fn mean_changes(&self, outputs: &[f32]) -> Vec<[f32; 3]> {
+    /// Mean change of colour of each view, as a constant coefficient `[rgb]`.
+    fn mean_changes(&self, changes: &[f32]) -> Vec<[f32; 3]> {
         // Sums of chunks, added in their order: the same on any number of threads.
-        let of_chunk = |(chunk, outputs): (usize, &[f32])| {
+        let of_chunk = |(chunk, changes): (usize, &[f32])| {
             let mut sums = vec![[0.0; 3]; self.rotations.len()];
-            for (outputs, anchor) in outputs.chunks_exact(OUTPUTS).zip(chunk * CHUNK..) {
-                let change = bounded(outputs);
+            for (change, anchor) in changes.chunks_exact(OUTPUTS).zip(chunk * CHUNK..) {
                 let sum = &mut sums[self.views[anchor] as usize];
                 for (rgb, weight) in change[8..35].chunks_exact(3).zip(self.in_mean[anchor]) {
                     (0..3).for_each(|c| sum[c] += f64::from(weight) * f64::from(rgb[c]));
@@ -220,14 +234,13 @@ impl Decoder {
             sums
         };
         let chunks: Vec<Vec<[f64; 3]>> =
-            outputs.par_chunks(CHUNK * OUTPUTS).enumerate().map(of_chunk).collect();
+            changes.par_chunks(CHUNK * OUTPUTS).enumerate().map(of_chunk).collect();
         let total = |view: usize, c: usize| chunks.iter().map(|sums| sums[view][c]).sum::<f64>() as f32;
         (0..self.rotations.len()).map(|view| std::array::from_fn(|c| total(view, c))).collect()
     }
 
     /// One anchor; `geometry` holds the closed form and receives the change, but for the `means` of the views.
-    fn row(&self, anchor: usize, outputs: &[f32], means: &[[f32; 3]], geometry: &mut [f32], sh: &mut [f32]) {
-        let change = bounded(outputs);
+    fn row(&self, anchor: usize, change: &[f32], means: &[[f32; 3]], geometry: &mut [f32], sh: &mut [f32]) {
         let view = self.views[anchor] as usize;
         geometry[OPACITY_LOGIT] += change[0];
         geometry[LOG_SCALE].iter_mut().zip(&change[1..4]).for_each(|(scale, change)| *scale += change);
@@ -266,17 +279,18 @@ impl Decoder {
             (0..3).for_each(|c| by_means[view as usize][c] -= f64::from(sh[c]));
         }
         let by_means: Vec<[f32; 3]> = by_means.iter().map(|by: &[f64; 3]| by.map(|by| by as f32)).collect();
+        let changes = bounded(outputs);
         let mut by_outputs = vec![0.0; outputs.len()];
         by_outputs
             .par_chunks_mut(CHUNK * OUTPUTS)
-            .zip(outputs.par_chunks(CHUNK * OUTPUTS))
+            .zip(changes.par_chunks(CHUNK * OUTPUTS))
             .enumerate()
-            .for_each(|(chunk, (by_outputs, outputs))| {
-                let rows = by_outputs.chunks_exact_mut(OUTPUTS).zip(outputs.chunks_exact(OUTPUTS));
-                for ((by_outputs, outputs), anchor) in rows.zip(chunk * CHUNK..) {
+            .for_each(|(chunk, (by_outputs, changes))| {
+                let rows = by_outputs.chunks_exact_mut(OUTPUTS).zip(changes.chunks_exact(OUTPUTS));
+                for ((by_outputs, change), anchor) in rows.zip(chunk * CHUNK..) {
                     let geometry = &geometry[anchor * WIDTH..][..WIDTH];
                     let sh = &sh[anchor * SH..][..SH];
-                    self.row_backward(anchor, outputs, &by_means, geometry, sh, by_outputs);
+                    self.row_backward(anchor, change, &by_means, geometry, sh, by_outputs);
                 }
             });
         by_outputs
@@ -285,7 +299,7 @@ impl Decoder {
     fn row_backward(
         &self,
         anchor: usize,
-        outputs: &[f32],
+        change: &[f32],
         by_means: &[[f32; 3]],
         geometry: &[f32],
         sh: &[f32],
@@ -313,7 +327,7 @@ impl Decoder {
         for (by, weight) in by_sh.iter_mut().zip(self.in_mean[anchor]) {
             (0..3).for_each(|c| by[c] += weight * by_means[view][c]);
         }
-        for ((by, change), bound) in by.iter_mut().zip(bounded(outputs)).zip(BOUNDS) {
+        for ((by, change), bound) in by.iter_mut().zip(change).zip(BOUNDS) {
             *by *= 1.0 - (change / bound) * (change / bound);
         }
     }

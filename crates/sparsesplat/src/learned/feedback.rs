@@ -80,13 +80,17 @@ pub(super) fn feedback(anchored: &Anchored, views: &[View]) -> Result<Vec<f32>> 
             });
         }
     }
-    let of_anchor = |(anchor, sums): (usize, [Sums; 2])| {
+    let mut told = vec![0.0; sums.len() * FEEDBACK];
+    let rows = told.par_chunks_exact_mut(FEEDBACK).with_min_len(ROWS);
+    rows.zip(&sums).enumerate().for_each(|(anchor, (told, sums))| {
         let view = &anchored.views[anchored.anchors.views[anchor] as usize];
         let to_camera = view.camera().rotation().as_mat3() * anchored.spacing[anchor];
-        sums.into_iter()
-            .flat_map(move |sums| numbers(sums, anchored.cells[anchor].area, to_camera * sums.by_mean))
-    };
-    Ok(sums.into_iter().enumerate().flat_map(of_anchor).collect())
+        for (told, sums) in told.chunks_exact_mut(OF_PART).zip(sums) {
+            let step = to_camera * sums.by_mean;
+            told.copy_from_slice(&numbers(sums, anchored.cells[anchor].area, step));
+        }
+    });
+    Ok(told)
 }
 
 /// The descent of ½ Σ ∣e∣² of a view, and (Σ w, Σ w ∣e∣²) of every Gaussian. The near plane is that of `base`.
@@ -121,7 +125,7 @@ fn rendered(anchored: &Anchored) -> Gaussians {
 }
 
 /// The numbers of one part; `area` is that of the anchor's cell in pixels, `step` the descent by its mean, in its own axes and unit.
-fn numbers(sums: Sums, area: f32, step: Vec3) -> [f32; OF_PART] {
+fn numbers(sums: &Sums, area: f32, step: Vec3) -> [f32; OF_PART] {
     let area = area.max(1.0);
     let per = 1.0 / (sums.weight + AREA_SHARE * area);
     let seen = 0.5 * (sums.weight / area + 0.01).ln();
@@ -286,7 +290,7 @@ mod tests {
             by_scale: Vec3::new(0.14, -0.21, 0.28),
             by_mean: Vec3::ZERO,
         };
-        let found = numbers(sums, 10.0, Vec3::new(0.35, -0.42, 70.0));
+        let found = numbers(&sums, 10.0, Vec3::new(0.35, -0.42, 70.0));
         let expected = [0.5 * 0.61_f32.ln(), 0.8, 0.6, -1.2, 1.8, -0.6, 0.2, -0.3, 0.4, 0.5, -0.6, LARGEST];
         for (found, expected) in found.into_iter().zip(expected) {
             assert!((found - expected).abs() < 1e-5, "{found} {expected}");

@@ -109,5 +109,6 @@ fn compose_activation(activation: Activation, y: Tensor) -> Result<Tensor> {
         Activation::Relu => y.relu(),
         Activation::Gelu => y.gelu_erf(),
         Activation::Silu => y.silu(),
+        Activation::Tanh => y.tanh(),
     }
 }
