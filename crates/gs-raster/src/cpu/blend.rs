@@ -36,8 +36,8 @@ pub(super) struct Trace {
     /// Place in the tile's list of the splat at which the pixel was done, counted from 1: neither it nor what follows is drawn. 0 beyond the
     /// image's edge, [`NEVER`] where the pixel never was. (There is always light left: `transmittance_min` is above 0 and `alpha_max` below 1.)
     pub(super) done: Plane<i32>,
-    /// Place of the last splat that may be drawn in any pixel; 0 where there is none.
-    pub(super) last: i32,
+    /// Where each splat of the tile's list may be drawn, up to the last that may be drawn anywhere.
+    pub(super) strips: Vec<Strips>,
     /// Σ w and Σ w (z - `nearest`), kept only when depth is asked for.
     pub(super) weight: Plane,
     pub(super) depth: Plane,
@@ -138,7 +138,7 @@ impl Trace {
         Self {
             transmittance: [[0.0; LANES]; PATCHES],
             done: [[0; LANES]; PATCHES],
-            last: 0,
+            strips: Vec::new(),
             weight: [[0.0; LANES]; PATCHES],
             depth: [[0.0; LANES]; PATCHES],
             nearest: 0.0,
@@ -150,7 +150,9 @@ impl Tile<'_> {
     /// Makes it a tile before the first splat; pixels beyond the image's edge count as done.
     fn clear(&mut self, grid: Grid, column: usize, row: usize) {
         self.colours.0 = [[[0.0; LANES]; PATCHES]; 3];
-        *self.trace = Trace::new();
+        let mut strips = std::mem::take(&mut self.trace.strips);
+        strips.clear();
+        *self.trace = Trace { strips, ..Trace::new() };
         self.trace.transmittance = [[-1.0; LANES]; PATCHES];
         for y in 0..TILE.min(grid.height - row * TILE) {
             for x in 0..TILE.min(grid.width - column * TILE) {
@@ -182,33 +184,31 @@ impl<const DEPTH: bool> WithSimd for Blend<'_, DEPTH> {
         let origin = origin(lists.grid, index);
         let Tile { colours: Colours(rgb), trace } = tile;
         // Splats between two looks for pixels that are not done.
-        const GROUP: i32 = 8;
+        const GROUP: usize = 8;
         let mut batch = Batch::EMPTY;
         let mut indices = lists.bins.pieces(index).flatten();
         let mut alphas = Buffer::EMPTY;
         let alphas = alphas.vectors::<S>();
         let mut lit = Strips::NONE;
-        let mut number = 0;
-        loop {
-            batch.fill(simd, lists.splats, &mut indices, origin, limits);
-            if batch.is_empty() {
-                return;
+        trace.strips.reserve(lists.bins.len(index));
+        'lists: loop {
+            batch.fetch(lists.splats, &mut indices, origin);
+            if batch.splats().is_empty() {
+                break;
             }
-            for (splat, strips) in batch.splats() {
-                if number == 0 {
+            for (splat, strips) in batch.splats().iter().zip(batch.strips(simd, limits)) {
+                let before = trace.strips.len();
+                if before == 0 {
                     trace.nearest = splat.depth;
                 }
-                if number % GROUP == 0 {
+                if before % GROUP == 0 {
                     lit = Strips::above_zero(simd, &trace.transmittance);
                     if lit.is_empty() {
-                        return;
+                        break 'lists;
                     }
                 }
-                number += 1;
                 let strips = strips.and(lit);
-                if !strips.is_empty() {
-                    trace.last = number;
-                }
+                trace.strips.push(strips);
                 strips.for_each::<S>(
                     #[inline(always)]
                     |k, place| {
@@ -220,12 +220,13 @@ impl<const DEPTH: bool> WithSimd for Blend<'_, DEPTH> {
                 strips.for_each::<S>(
                     #[inline(always)]
                     |k, place| {
-                        let (tile, splat) = ((&mut *rgb, &mut *trace), (splat, number));
+                        let (tile, splat) = ((&mut *rgb, &mut *trace), (splat, before as i32 + 1));
                         blend_vector::<S, DEPTH>(simd, tile, splat, place, alphas[k], limits);
                     },
                 );
             }
         }
+        while trace.strips.pop_if(|strips| strips.is_empty()).is_some() {}
     }
 }
 

@@ -8,7 +8,7 @@
 use super::bin::{Places, chunk_size};
 use super::blend::{Lists, Trace};
 use super::local::{Batch, Limits, Local};
-use super::tile::{Buffer, LANES, PATCHES, Place, Plane, at, integers_at, origin, patch, put};
+use super::tile::{Buffer, LANES, PATCHES, Place, Plane, Strips, at, integers_at, origin, patch, put};
 use super::{Grid, TILE};
 use crate::gradients::{finite, largest_magnitude};
 use crate::{PixelGradients, RenderSettings};
@@ -76,7 +76,7 @@ pub(super) fn sum<'a>(
         .enumerate()
         .map(|(index, (moments, trace))| {
             let mut tile = Tile::new(lists.grid, index, trace, (pixels, values), settings, unit);
-            blend_tile(&mut tile, moments, lists, index, limits);
+            blend_tile(&mut tile, &trace.strips, moments, (lists, index), limits);
             (&*moments, tile.background)
         })
         .collect();
@@ -149,9 +149,8 @@ struct Tile {
     transmittance: Plane,
     /// B: what is behind, blended as if nothing stood before it.
     behind: Plane,
-    /// Both as in [`Trace`].
+    /// As in [`Trace`].
     done: Plane<i32>,
-    last: i32,
     /// Σ gradient by colour times what shows of the background.
     background: [f64; 3],
 }
@@ -174,7 +173,6 @@ impl Tile {
             transmittance: trace.transmittance.map(|patch| patch.map(f32::abs)),
             behind: [[0.0; LANES]; PATCHES],
             done: trace.done,
-            last: trace.last,
             background: [0.0; 3],
         });
         let inverse = unit.recip();
@@ -210,19 +208,20 @@ impl Tile {
     }
 }
 
-/// The moments of the splats of tile number `index`, in the order of its list.
+/// The moments of the splats of tile number `index`, in the order of its list; `strips` are those of its [`Trace`].
 fn blend_tile<const DEPTH: bool, const SHARED: bool>(
     tile: &mut Tile,
+    strips: &[Strips],
     moments: &mut [Moments],
-    lists: Lists,
-    index: usize,
+    (lists, index): (Lists, usize),
     limits: Limits,
 ) {
-    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, moments, lists, index, limits });
+    dispatch(lists.isa, Blend::<DEPTH, SHARED> { tile, strips, moments, lists, index, limits });
 }
 
 struct Blend<'a, const DEPTH: bool, const SHARED: bool> {
     tile: &'a mut Tile,
+    strips: &'a [Strips],
     moments: &'a mut [Moments],
     lists: Lists<'a>,
     index: usize,
@@ -234,25 +233,25 @@ impl<const DEPTH: bool, const SHARED: bool> WithSimd for Blend<'_, DEPTH, SHARED
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { tile, moments, lists, index, limits } = self;
+        let Self { tile, strips, moments, lists, index, limits } = self;
         let origin = origin(lists.grid, index);
         let mut batch = Batch::EMPTY;
         // What follows on the last splat that may be drawn has no moments.
-        let skipped = moments.len() - tile.last as usize;
-        moments[tile.last as usize..].fill([0.0; MOMENTS]);
-        let mut indices = lists.bins.pieces(index).flatten().rev().skip(skipped);
-        let mut moments = (0..tile.last).zip(moments).rev();
+        let (moments, none) = moments.split_at_mut(strips.len());
+        none.fill([0.0; MOMENTS]);
+        let mut indices = lists.bins.pieces(index).flatten().rev().skip(none.len());
+        let mut rest = strips.iter().zip(moments).enumerate().rev();
         let (mut alphas, mut dxs) = (Buffer::EMPTY, Buffer::EMPTY);
         let (alphas, dxs) = (alphas.vectors::<S>(), dxs.vectors::<S>());
-        while moments.len() > 0 {
-            batch.fill(simd, lists.splats, &mut indices, origin, limits);
-            for ((splat, strips), (before, moments)) in batch.splats().zip(&mut moments) {
+        while rest.len() > 0 {
+            batch.fetch(lists.splats, &mut indices, origin);
+            for (splat, (before, (strips, moments))) in batch.splats().iter().zip(&mut rest) {
                 strips.for_each::<S>(
                     #[inline(always)]
                     |k, place| {
                         let touch = splat.touch(simd, place, limits);
                         let done = integers_at::<S>(&tile.done, place);
-                        let is_lit = simd.greater_than_i32s(done, simd.splat_i32s(before + 1));
+                        let is_lit = simd.greater_than_i32s(done, simd.splat_i32s(before as i32 + 1));
                         let drawn = simd.and_m32s(touch.is_seen, is_lit);
                         alphas[k] = select(simd, drawn, touch.alpha, simd.splat_f32s(0.0));
                         dxs[k] = touch.dx;

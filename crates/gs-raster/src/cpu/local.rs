@@ -41,32 +41,26 @@ pub(super) struct Local {
     pub(super) depth: f32,
 }
 
-/// Splats that follow each other in a tile's list.
+/// Splats that follow each other in a tile's list. Each step is done for all of them before the next: the waits for memory overlap, and those for
+/// results.
 #[repr(align(64))]
 pub(super) struct Batch {
     fetched: [Splat; BATCH],
     splats: [Local; BATCH],
-    strips: [Strips; BATCH],
     len: usize,
 }
 
 impl Batch {
-    pub(super) const EMPTY: Self = Self {
-        fetched: [Splat::NONE; BATCH],
-        splats: [Local::NONE; BATCH],
-        strips: [Strips::NONE; BATCH],
-        len: 0,
-    };
+    pub(super) const EMPTY: Self =
+        Self { fetched: [Splat::NONE; BATCH], splats: [Local::NONE; BATCH], len: 0 };
 
-    /// Takes the next splats. Each step is done for all of them before the next: the waits for memory overlap, and those for results.
+    /// Takes the next splats.
     #[inline(always)]
-    pub(super) fn fill<'a, S: Simd>(
+    pub(super) fn fetch<'a>(
         &mut self,
-        simd: S,
         splats: &Splats,
         next: impl Iterator<Item = &'a u32>,
         origin: [u32; 2],
-        limits: Limits,
     ) {
         let mut indices = [0; BATCH];
         self.len = 0;
@@ -78,20 +72,21 @@ impl Batch {
         for (local, splat) in self.splats.iter_mut().zip(fetched) {
             *local = Local::new(splat, origin);
         }
-        for (strips, splat) in self.strips.iter_mut().zip(&self.splats[..self.len]) {
+    }
+
+    #[inline(always)]
+    pub(super) fn splats(&self) -> &[Local] {
+        &self.splats[..self.len]
+    }
+
+    /// The strips in which each may be seen.
+    #[inline(always)]
+    pub(super) fn strips<S: Simd>(&self, simd: S, limits: Limits) -> [Strips; BATCH] {
+        let mut strips = [Strips::NONE; BATCH];
+        for (strips, splat) in strips.iter_mut().zip(self.splats()) {
             *strips = splat.strips(simd, limits);
         }
-    }
-
-    #[inline(always)]
-    pub(super) fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
-    /// The splats, and the strips in which each may be seen.
-    #[inline(always)]
-    pub(super) fn splats(&self) -> impl Iterator<Item = (&Local, Strips)> {
-        self.splats[..self.len].iter().zip(self.strips)
+        strips
     }
 }
 

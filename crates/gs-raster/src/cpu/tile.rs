@@ -97,7 +97,7 @@ pub(super) fn origin(grid: Grid, tile: usize) -> [u32; 2] {
 
 /// Where in a tile, a bit for each strip: four columns of a vector's pixels (AVX-512 has four rows of them, AVX2 two, NEON one), or one row of
 /// vectors that are shorter. From the left, then from the top.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Strips(u64);
 
 impl Strips {
