@@ -8,7 +8,7 @@ use crate::sgm;
 use crate::texture::{Sampler, Texture, splat};
 use cpu_kernels::pulp::{Simd, WithSimd};
 use cpu_kernels::vector::select;
-use cpu_kernels::{Isa, dispatch};
+use cpu_kernels::{Isa, compiled_for, dispatch};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -21,8 +21,10 @@ const WINDOW: f32 = (SIDE * SIDE) as f32;
 const NOISE_VARIANCE: f32 = 2.0;
 /// Cost where the point lies outside a source.
 const OUTSIDE_COST: f32 = 0.75;
-/// Rows per task: the buffers of a strip stay in the second-level cache.
-const STRIP: usize = 32;
+/// Pixels per task, about: the buffers of a strip stay in the second-level cache.
+const STRIP: usize = 1 << 14;
+/// Rows per task, at least and at most. The fewer there are, the more are warped again for the windows of the next strip; the more, the fewer tasks.
+const STRIP_ROWS: (usize, usize) = (32, 64);
 /// Lanes of the widest vectors: rows are filled up to a multiple, so that vectors have no rest.
 const LANES: usize = 16;
 /// Costs 0..1 are stored as 0..`COST_LEVELS`: as fine as sums of eight paths, each with the price of a jump, leave room for in 16 bits.
@@ -335,11 +337,18 @@ fn keep_two_smallest<S: Simd>(
     }
 }
 
+/// Rows of a strip.
+fn strip_rows(width: usize) -> usize {
+    let (least, most) = STRIP_ROWS;
+    (STRIP / width).clamp(least, most)
+}
+
 /// The strips of a picture: their rows.
-fn strips(height: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
-    (0..height.div_ceil(STRIP)).into_par_iter().map(move |strip| {
-        let first = strip * STRIP;
-        first..(first + STRIP).min(height)
+fn strips(width: usize, height: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
+    let rows = strip_rows(width);
+    (0..height.div_ceil(rows)).into_par_iter().map(move |strip| {
+        let first = strip * rows;
+        first..(first + rows).min(height)
     })
 }
 
@@ -355,33 +364,43 @@ pub(crate) fn volume(
     let Hypotheses { surface, offsets, ends } = *hypotheses;
     let count = offsets.len();
     let planes = count.next_multiple_of(sgm::LANES);
-    let mut volume = vec![BEYOND; width * height * planes];
-    volume.par_chunks_mut(STRIP * width * planes).zip(strips(height)).for_each(|(volume, rows)| {
+    let mut volume = vec![0; width * height * planes];
+    let volumes = volume.par_chunks_mut(strip_rows(width) * width * planes);
+    volumes.zip(strips(width, height)).for_each(|(volume, rows)| {
         let mut strip = Strip::new(reference, surface, rows);
         let pixels = strip.rows.len() * width;
-        let mut by_offset = vec![0_u16; count * pixels];
+        let mut by_offset = vec![BEYOND; planes * pixels];
         for (out, &offset) in by_offset.chunks_exact_mut(pixels).zip(offsets) {
             strip.match_all(isa, sources, offset, ends);
-            for (row, out) in out.chunks_exact_mut(width).enumerate() {
-                for (out, &cost) in out.iter_mut().zip(strip.costs(row)) {
-                    // Adding 2²³ rounds, and leaves the number in the low bits.
-                    *out = (cost * COST_LEVELS + 8_388_608.0).to_bits() as u16;
+            compiled_for!(isa, {
+                for (row, out) in out.chunks_exact_mut(width).enumerate() {
+                    for (out, &cost) in out.iter_mut().zip(strip.costs(row)) {
+                        // Adding 2²³ rounds, and leaves the number in the low bits.
+                        *out = (cost * COST_LEVELS + 8_388_608.0).to_bits() as u16;
+                    }
                 }
-            }
+            });
         }
         transpose(&by_offset, volume, pixels, planes);
     });
     volume
 }
 
-/// `[count, pixels]` to `[pixels, planes]`, in blocks that fit the first-level cache.
-fn transpose(by_offset: &[u16], by_pixel: &mut [u16], pixels: usize, planes: usize) {
+/// `[planes, pixels]` to `[pixels, planes]`, in blocks that fit the first-level cache.
+fn transpose(by_plane: &[u16], by_pixel: &mut [u16], pixels: usize, planes: usize) {
     const BLOCK: usize = 64;
+    // Planes whose costs of a pixel are stored together: a divisor of the lanes to which planes are filled up.
+    const TOGETHER: usize = 4;
     for start in (0..pixels).step_by(BLOCK) {
-        let end = (start + BLOCK).min(pixels);
-        for (plane, costs) in by_offset.chunks_exact(pixels).enumerate() {
-            for pixel in start..end {
-                by_pixel[pixel * planes + plane] = costs[pixel];
+        let block = start..(start + BLOCK).min(pixels);
+        let by_pixel = &mut by_pixel[block.start * planes..block.end * planes];
+        for (group, rows) in by_plane.chunks_exact(TOGETHER * pixels).enumerate() {
+            let [a, b, c, d]: [&[u16]; TOGETHER] =
+                std::array::from_fn(|k| &rows[k * pixels..][block.clone()]);
+            let (places, _) = by_pixel.as_chunks_mut::<TOGETHER>();
+            let places = places.iter_mut().skip(group).step_by(planes / TOGETHER);
+            for ((((place, a), b), c), d) in places.zip(a).zip(b).zip(c).zip(d) {
+                *place = [*a, *b, *c, *d];
             }
         }
     }
@@ -397,7 +416,8 @@ pub(crate) fn surface_costs(
 ) -> Vec<f32> {
     let (width, height) = (reference.texture.width, reference.texture.height);
     let mut costs = vec![0.0; width * height];
-    costs.par_chunks_mut(STRIP * width).zip(strips(height)).for_each(|(costs, rows)| {
+    let strips_of_costs = costs.par_chunks_mut(strip_rows(width) * width);
+    strips_of_costs.zip(strips(width, height)).for_each(|(costs, rows)| {
         let mut strip = Strip::new(reference, Some(surface), rows);
         strip.match_all(isa, sources, 0.0, ends);
         for (row, costs) in costs.chunks_exact_mut(width).enumerate() {

@@ -117,8 +117,12 @@ impl Sampler {
     /// What the texture has at the places that were found, between its pixels by bilinear interpolation.
     #[inline(always)]
     pub(crate) fn sample<S: Simd>(&mut self, simd: S, texture: &Texture, out: &mut [f32]) {
-        for (texel, &index) in self.texels.iter_mut().zip(&self.index) {
-            *texel = texture.packed[index as usize];
+        // Eight at a time, which takes fewer instructions for each than one at a time.
+        let indices = self.index.as_chunks::<8>().0;
+        for (texels, indices) in self.texels.as_chunks_mut::<8>().0.iter_mut().zip(indices) {
+            for (texel, &index) in texels.iter_mut().zip(indices) {
+                *texel = texture.packed[index as usize];
+            }
         }
         let n = out.len() / S::F32_LANES;
         let out = &mut S::as_mut_simd_f32s(out).0[..n];
