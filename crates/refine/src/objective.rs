@@ -1,7 +1,7 @@
 //! The objective and its gradient: scene -> rendering -> exposure -> loss.
 
 use crate::loss::{Compared, Target};
-use crate::{Exposure, Loss, Result};
+use crate::{Config, Exposure, Loss, Result};
 use gs_raster::{Gradients, PixelGradients, Rasterizer, RenderSettings, near_plane};
 use gs_scene::{Camera, Gaussians, View};
 use image_metrics::SsimScratch;
@@ -30,10 +30,17 @@ pub(crate) struct Seen {
 
 impl<'a> Objective<'a> {
     /// `low_pass` is the variance of the renderer's filter, square pixels of these views.
-    pub(crate) fn new(scene: &Gaussians, views: Vec<&'a View>, loss: Loss, low_pass: f32) -> Self {
+    pub(crate) fn new(scene: &Gaussians, views: Vec<&'a View>, config: &Config, low_pass: f32) -> Self {
+        let &Config { loss, alpha_min, transmittance_min, .. } = config;
         let targets = views.par_iter().map(|view| Target::new(view, loss)).collect();
         let near = views.iter().map(|view| near_plane(scene, view.camera())).fold(f32::INFINITY, f32::min);
-        let settings = RenderSettings { near, eps2d: low_pass, ..RenderSettings::default() };
+        let settings = RenderSettings {
+            near,
+            eps2d: low_pass,
+            alpha_min,
+            transmittance_min,
+            ..RenderSettings::default()
+        };
         Self { views, targets, loss, settings, scratch: Vec::new() }
     }
 
@@ -100,7 +107,8 @@ mod tests {
         let views = photographs(&truth, &cameras(2, (40, 32), 1.0));
         let scene = disturbed(&truth, 1.0);
         let mut rasterizer = Rasterizer::cpu();
-        let mut objective = Objective::new(&scene, views.iter().collect(), loss, 0.3);
+        let config = Config { loss, ..Config::default() };
+        let mut objective = Objective::new(&scene, views.iter().collect(), &config, 0.3);
         let seen = |(view, of_view): (usize, &View)| Seen { view, camera: *of_view.camera(), exposure };
         let seen: Vec<Seen> = views.iter().enumerate().map(seen).collect();
         let mut evaluate = |scene: &Gaussians| {

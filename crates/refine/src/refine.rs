@@ -199,9 +199,8 @@ impl<'a> Work<'a> {
     ) -> Result<Self> {
         let gaussians = gaussians.with_sh_degree(config.sh_degree).expect("degree checked");
         let whole = RenderSettings::default().eps2d;
-        let objective = Objective::new(&gaussians, views.iter().collect(), config.loss, whole);
-        let coarse =
-            half.map(|half| Objective::new(&gaussians, half.iter().collect(), config.loss, low_pass()));
+        let objective = Objective::new(&gaussians, views.iter().collect(), config, whole);
+        let coarse = half.map(|half| Objective::new(&gaussians, half.iter().collect(), config, low_pass()));
         let mut at_start = vec![Exposure::NONE; views.len()];
         let mut psnr = vec![None; views.len()];
         if config.exposure || config.measure_start {
@@ -247,7 +246,7 @@ impl<'a> Work<'a> {
     /// From now on these views are compared, of which the first are those so far. Nothing is known of the derivatives of the others, so the
     /// optimiser begins anew.
     fn begin_anew(&mut self, views: Vec<&'a View>) {
-        self.objective = Objective::new(&self.gaussians, views, self.config.loss, self.objective.low_pass());
+        self.objective = Objective::new(&self.gaussians, views, self.config, self.objective.low_pass());
         self.geometry_moments = Moments::new(self.gaussians.geometry().len());
         self.sh_moments = Moments::new(self.gaussians.sh().len());
         self.updates = 0;

@@ -203,6 +203,12 @@ fn what_cannot_be_done_is_said() {
     assert_eq!(said(&[], &Config::default()), "no context views: refinement needs at least one photograph");
     let setting = said(&views, &Config { views_per_step: 0, ..Config::default() });
     assert_eq!(setting, "refinement setting views_per_step is 0, expected at least 1");
+    for least in [0.0, 0.2, f32::NAN] {
+        let setting = said(&views, &Config { alpha_min: least, ..Config::default() });
+        assert!(setting.starts_with("refinement setting alpha_min is "), "{setting}");
+        let setting = said(&views, &Config { transmittance_min: least, ..Config::default() });
+        assert!(setting.starts_with("refinement setting transmittance_min is "), "{setting}");
+    }
     assert!(matches!(run(scene.clone(), &[], &Config::default()), Err(Error::NoViews)));
 }
 

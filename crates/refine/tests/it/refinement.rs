@@ -3,7 +3,7 @@
 use crate::scenes::{Random, cameras, disturbed, photographs, wall};
 use glam::{DMat3, DVec3};
 use gs_raster::Rasterizer;
-use gs_scene::{Camera, Gaussians, Image, Intrinsics, View};
+use gs_scene::{Camera, Gaussians, Image, Intrinsics, OPACITY_LOGIT, View, logit};
 use image_metrics::psnr;
 use refine::{Config, Loss, Rates, Refined, Stop, Stopped, refine};
 
@@ -250,6 +250,29 @@ fn settings_and_reports_go_through_json() {
     let report = serde_json::to_value(&refined.report).unwrap();
     assert_eq!((report["stopped"].as_str(), report["pruned"].as_u64()), (Some("done"), Some(0)));
     assert_eq!(report["steps"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn what_is_too_faint_to_be_compared_stays_as_it_is() {
+    let truth = wall(12, 1.0);
+    let views = photographs(&truth, &cameras(2, (48, 32), 1.0));
+    let mut faint = disturbed(&truth, 1.0);
+    let rows = faint.buffers_mut().0.chunks_exact_mut(Gaussians::GEOMETRY);
+    rows.step_by(2).for_each(|row| row[OPACITY_LOGIT] = logit(0.01) as f32);
+    let moved = |alpha_min: f32| {
+        let config = Config { stop: Stop::Steps(4), prune: false, alpha_min, ..Config::default() };
+        let refined = run(&faint, &views, &config).gaussians;
+        let rows = faint.geometry().chunks_exact(Gaussians::GEOMETRY);
+        let moved: Vec<bool> = rows
+            .zip(refined.geometry().chunks_exact(Gaussians::GEOMETRY))
+            .map(|(before, after)| before != after)
+            .collect();
+        [0, 1].map(|first| moved.iter().skip(first).step_by(2).filter(|moved| **moved).count())
+    };
+    let (all, [faint_ones, others]) = (moved(Config::default().alpha_min), moved(0.02));
+    assert!(all[0] > 0 && all[1] > 0, "{all:?}");
+    assert_eq!(faint_ones, 0);
+    assert!(others > 0);
 }
 
 #[test]
