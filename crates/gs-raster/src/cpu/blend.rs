@@ -1,7 +1,8 @@
 //! Near-to-far compositing of a tile's splats.
 //!
-//! A splat is blended in two steps, its opacity first and then the light. Both in one would be a chain of a hundred steps, each of which waits for the
-//! one before, of which a processor has hardly two in work at a time; halves of it, in as many vectors as a splat covers, it does side by side.
+//! A splat is blended in two loops over the vectors that it covers: its opacities first, then the light. In one loop the chain of steps from a
+//! pixel's place to its colour is so long that a processor has hardly more than one vector in work at a time
+//! (docs/journal/2026-11-instruction-sets.md, *Two steps*).
 
 use super::bin::Bins;
 use super::local::{Batch, Limits, Local};
@@ -190,7 +191,10 @@ impl<const DEPTH: bool> WithSimd for Blend<'_, DEPTH> {
         let mut alphas = Buffer::EMPTY;
         let alphas = alphas.vectors::<S>();
         let mut lit = Strips::NONE;
-        trace.strips.reserve(lists.bins.len(index));
+        // Kept from pass to pass, unless it is far too large.
+        let count = lists.bins.len(index);
+        trace.strips.shrink_to(4 * count);
+        trace.strips.reserve(count);
         'lists: loop {
             batch.fetch(lists.splats, &mut indices, origin);
             if batch.splats().is_empty() {

@@ -97,7 +97,7 @@ pub(super) struct Touch<S: Simd> {
     pub(super) dx: S::f32s,
     /// The opacity; some number where it is below `alpha_min`.
     pub(super) alpha: S::f32s,
-    /// Where it is not.
+    /// Where it is at least `alpha_min`.
     pub(super) is_seen: S::m32s,
 }
 
@@ -128,7 +128,7 @@ impl Local {
     }
 
     /// The strips in which the splat may be seen: those that the rows of its ellipse reach, and now and then one more. They are found without
-    /// branches and before any is blended. Which pixels a splat covers no processor foresees, and where it guesses wrong it begins anew.
+    /// branches and before any is blended: no processor foresees which pixels a splat covers, and where it guesses wrong it begins anew.
     #[inline(always)]
     fn strips<S: Simd>(&self, simd: S, limits: Limits) -> Strips {
         // More than rounding takes from a logarithm (of numbers below 2⁸), and from a position (as a part of the largest number on the way).
