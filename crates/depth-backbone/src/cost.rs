@@ -21,10 +21,8 @@ const WINDOW: f32 = (SIDE * SIDE) as f32;
 const NOISE_VARIANCE: f32 = 2.0;
 /// Cost where the point lies outside a source.
 const OUTSIDE_COST: f32 = 0.75;
-/// Pixels per task, about: the buffers of a strip stay in the second-level cache.
-const STRIP: usize = 1 << 14;
-/// Rows per task, at least and at most. The fewer there are, the more are warped again for the windows of the next strip; the more, the fewer tasks.
-const STRIP_ROWS: (usize, usize) = (32, 64);
+/// Rows per task: the buffers of a strip stay in the second-level cache, and sums that run along its rows keep their digits.
+const STRIP: usize = 32;
 /// Lanes of the widest vectors: rows are filled up to a multiple, so that vectors have no rest.
 const LANES: usize = 16;
 /// Costs 0..1 are stored as 0..`COST_LEVELS`: as fine as sums of eight paths, each with the price of a jump, leave room for in 16 bits.
@@ -337,18 +335,11 @@ fn keep_two_smallest<S: Simd>(
     }
 }
 
-/// Rows of a strip.
-fn strip_rows(width: usize) -> usize {
-    let (least, most) = STRIP_ROWS;
-    (STRIP / width).clamp(least, most)
-}
-
 /// The strips of a picture: their rows.
-fn strips(width: usize, height: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
-    let rows = strip_rows(width);
-    (0..height.div_ceil(rows)).into_par_iter().map(move |strip| {
-        let first = strip * rows;
-        first..(first + rows).min(height)
+fn strips(height: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
+    (0..height.div_ceil(STRIP)).into_par_iter().map(move |strip| {
+        let first = strip * STRIP;
+        first..(first + STRIP).min(height)
     })
 }
 
@@ -365,8 +356,7 @@ pub(crate) fn volume(
     let count = offsets.len();
     let planes = count.next_multiple_of(sgm::LANES);
     let mut volume = vec![0; width * height * planes];
-    let volumes = volume.par_chunks_mut(strip_rows(width) * width * planes);
-    volumes.zip(strips(width, height)).for_each(|(volume, rows)| {
+    volume.par_chunks_mut(STRIP * width * planes).zip(strips(height)).for_each(|(volume, rows)| {
         let mut strip = Strip::new(reference, surface, rows);
         let pixels = strip.rows.len() * width;
         let mut by_offset = vec![BEYOND; planes * pixels];
@@ -416,8 +406,7 @@ pub(crate) fn surface_costs(
 ) -> Vec<f32> {
     let (width, height) = (reference.texture.width, reference.texture.height);
     let mut costs = vec![0.0; width * height];
-    let strips_of_costs = costs.par_chunks_mut(strip_rows(width) * width);
-    strips_of_costs.zip(strips(width, height)).for_each(|(costs, rows)| {
+    costs.par_chunks_mut(STRIP * width).zip(strips(height)).for_each(|(costs, rows)| {
         let mut strip = Strip::new(reference, Some(surface), rows);
         strip.match_all(isa, sources, 0.0, ends);
         for (row, costs) in costs.chunks_exact_mut(width).enumerate() {
