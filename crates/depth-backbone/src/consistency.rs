@@ -1,8 +1,9 @@
 //! What the views say of each other's depth.
 
+use crate::cost::LANES;
 use crate::pair::Pair;
 use crate::range::Planes;
-use crate::texture::splat;
+use crate::texture::{TO_INTEGER, splat};
 use cpu_kernels::pulp::{Simd, WithSimd, cast};
 use cpu_kernels::{Isa, dispatch};
 use gs_scene::View;
@@ -152,8 +153,6 @@ struct Seen {
 
 /// No pixel's number.
 const UNSEEN: u32 = u32::MAX;
-/// Lanes of the widest vectors: rows are filled up to a multiple.
-const LANES: usize = 16;
 
 impl Seen {
     /// For rows of `width` pixels and as many witnesses.
@@ -236,8 +235,6 @@ fn within<S: Simd>(simd: S, x: S::f32s, end: S::f32s) -> S::m32s {
 /// The whole part of a number from 0 to 2²²; of any other, some number.
 #[inline(always)]
 fn floor<S: Simd>(simd: S, x: S::f32s) -> S::u32s {
-    // Added to such a number it leaves the nearest integer in the low mantissa bits.
-    const TO_INTEGER: f32 = 8_388_608.0;
     let to_integer = simd.splat_f32s(TO_INTEGER);
     let nearest = simd.add_f32s(x, to_integer);
     let is_above = simd.greater_than_f32s(simd.sub_f32s(nearest, to_integer), x);

@@ -24,7 +24,7 @@ const OUTSIDE_COST: f32 = 0.75;
 /// Rows per task: the buffers of a strip stay in the second-level cache, and sums that run along its rows keep their digits.
 const STRIP: usize = 32;
 /// Lanes of the widest vectors: rows are filled up to a multiple, so that vectors have no rest.
-const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 /// Costs 0..1 are stored as 0..`COST_LEVELS`: as fine as sums of eight paths, each with the price of a jump, leave room for in 16 bits.
 pub(crate) const COST_LEVELS: f32 = 4000.0;
 /// Stored cost beyond all others.

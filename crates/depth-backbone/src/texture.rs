@@ -44,7 +44,7 @@ pub(crate) struct Sampler {
 }
 
 /// 2²³: added to a number in 0..2²³ it leaves the nearest integer in the low mantissa bits.
-const TO_INTEGER: f32 = 8_388_608.0;
+pub(crate) const TO_INTEGER: f32 = 8_388_608.0;
 /// 2¹⁵ with 8 bits behind the point: a byte in the second lowest place of its mantissa is added to it.
 const WITH_BYTE: f32 = 32_768.0;
 
