@@ -1,7 +1,7 @@
 //! A splat as one tile sees it, and where in the tile it may be seen.
 
 use super::TILE;
-use super::math::exp2;
+use super::math::{ROUND, exp2};
 use super::project::{BATCH, Splat, Splats};
 use super::tile::{Place, SIDE, Strips, centres};
 use crate::RenderSettings;
@@ -136,8 +136,6 @@ impl Local {
         const ROUNDING: f32 = 2e-6;
         // Added before numbers are rounded to the nearest: what is hardly above a whole number is rounded down, all else up.
         const UP: f32 = 0.49;
-        // As in `exp2`.
-        const ROUND: f32 = 12_582_912.0;
         const COLUMNS: f32 = SIDE as f32;
         let number = |v: f32| simd.splat_f32s(v);
         let (zero, per_strip) = (number(0.0), number(COLUMNS.recip()));

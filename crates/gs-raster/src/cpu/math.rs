@@ -10,12 +10,13 @@ pub(super) fn mul_add<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
+/// 1.5 · 2²³: added to a number it rounds to the nearest integer and leaves that in the low bits.
+pub(super) const ROUND: f32 = 12_582_912.0;
+
 /// 2^x for -126 ≤ x ≤ 1, relative error below 3e-7: a minimax polynomial on [-½, ½] times a power of two made in the
 /// exponent bits. Beyond that range some number, which the caller masks out.
 #[inline(always)]
 pub(super) fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
-    // Adding 1.5 · 2²³ rounds to the nearest integer and leaves it in the low bits.
-    const ROUND: f32 = 12_582_912.0;
     // The coefficient of the highest power first.
     const P: [f32; 6] = [0.001_327_647_3, 0.009_675_542, 0.055_507_13, 0.240_221_2, 0.693_146_94, 1.0];
     let number = |v: f32| simd.splat_f32s(v);
