@@ -5,7 +5,7 @@
 
 use crate::pair::Pair;
 use crate::sgm;
-use crate::texture::{Sampler, Texture, splat};
+use crate::texture::{Depths, Sampler, TOGETHER, Texture, splat};
 use cpu_kernels::pulp::{Simd, WithSimd};
 use cpu_kernels::vector::select;
 use cpu_kernels::{Isa, compiled_for, dispatch};
@@ -117,15 +117,17 @@ struct Strip {
     /// Rows that are matched.
     rows: Range<usize>,
     height: usize,
-    /// Luma, mean and inverse deviation of the reference, inverse depth: `[rows + 6, stride]`.
+    /// Luma, mean and inverse deviation of the reference: `[rows + 6, stride]`.
     luma: Vec<f32>,
     mean: Vec<f32>,
     inverse_deviation: Vec<f32>,
-    surface: Vec<f32>,
+    /// The surface, if there is one, and the inverse depths that are tried: `[rows + 6, stride]`.
+    surface: Option<Vec<f32>>,
+    depths: Vec<f32>,
     /// Centres of the pixels of a row.
     centres: Vec<f32>,
     sampler: Sampler,
-    /// The row that was warped last.
+    /// A row that was warped.
     warped: Vec<f32>,
     /// The last seven: luma, and whether it was seen.
     ring: Vec<f32>,
@@ -138,7 +140,6 @@ struct Strip {
 }
 
 impl Strip {
-    /// The strip of rows `rows`. Without a surface the inverse depth is zero, and an offset all there is to it.
     fn new(reference: Reference, surface: Option<&[f32]>, rows: Range<usize>) -> Self {
         let (width, height) = (reference.texture.width, reference.texture.height);
         let stride = width.next_multiple_of(LANES);
@@ -159,7 +160,8 @@ impl Strip {
             luma: gather(&reference.texture.values),
             mean: gather(&reference.statistics.mean),
             inverse_deviation: gather(&reference.statistics.inverse_deviation),
-            surface: surface.map_or_else(|| vec![0.0; taken * stride], gather),
+            depths: vec![0.0; if surface.is_some() { taken * stride } else { 0 }],
+            surface: surface.map(gather),
             centres: (0..stride).map(|x| x as f32 + 0.5).collect(),
             sampler: Sampler::new(stride),
             warped: vec![0.0; stride],
@@ -175,6 +177,21 @@ impl Strip {
     /// Costs of every row at the inverse depths `surface + offset`, kept within `ends`; they are in `smallest` then.
     fn match_all(&mut self, isa: Isa, sources: &[Source], offset: f32, ends: (f32, f32)) {
         dispatch(isa, Match { strip: self, sources, offset, ends });
+    }
+
+    /// Columns, in groups of `together`, that hold all pixels which a source may see at inverse depth `w`, and their windows.
+    fn seen(&self, source: &Source, w: f32, together: usize) -> Range<usize> {
+        let size = [source.texture.width, source.texture.height];
+        let rows = self.rows.clone().map(|y| y as f64 + 0.5);
+        let [from, to] = source.pair.seen(rows, w, size);
+        if from > to {
+            return 0..0;
+        }
+        // Rounding may move a place by far less than a pixel.
+        let beside = RADIUS as f64 + 1.0;
+        let (first, end) = ((from - beside).max(0.0) as usize, (to + beside).max(0.0).ceil() as usize);
+        let end = end.min(self.stride).next_multiple_of(together);
+        (first / together * together).min(end)..end
     }
 
     /// Costs of the pixels of row `row` (of the strip).
@@ -196,11 +213,19 @@ impl WithSimd for Match<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { strip, sources, offset, ends } = self;
+        let Self { strip, sources, offset, ends: (farthest, nearest) } = self;
         strip.smallest.fill(1.0);
         strip.second.fill(1.0);
+        if let Some(surface) = &strip.surface {
+            let (depths, _) = S::as_mut_simd_f32s(&mut strip.depths);
+            let [offset, nearest, farthest] = splat(simd, [offset, nearest, farthest]);
+            for (depth, &surface) in depths.iter_mut().zip(S::as_simd_f32s(surface).0) {
+                *depth = simd.max_f32s(simd.min_f32s(simd.add_f32s(surface, offset), nearest), farthest);
+            }
+        }
+        let plane = strip.surface.is_none().then(|| offset.min(nearest).max(farthest));
         for source in sources {
-            match_source(simd, strip, source, offset, ends);
+            match_source(simd, strip, source, plane);
         }
         if sources.len() > 1 {
             let half = simd.splat_f32s(0.5);
@@ -213,83 +238,119 @@ impl WithSimd for Match<'_, '_> {
     }
 }
 
+/// Costs of a strip by one source, at the inverse depth `plane`, or at `depths` if there is none.
 #[inline(always)]
-fn match_source<S: Simd>(simd: S, strip: &mut Strip, source: &Source, offset: f32, ends: (f32, f32)) {
+fn match_source<S: Simd>(simd: S, strip: &mut Strip, source: &Source, plane: Option<f32>) {
     let (width, stride, first) = (strip.width, strip.stride, strip.rows.start);
+    let columns = plane.map_or(0..stride, |w| strip.seen(source, w, TOGETHER.max(S::F32_LANES)));
+    leave_outside(simd, strip, &columns);
+    if columns.is_empty() {
+        return;
+    }
     strip.ring.fill(0.0);
     strip.sums.iter_mut().for_each(|sums| sums.fill(0.0));
     for row in 0..strip.rows.len() + 2 * RADIUS {
         let y = clamped(first, row, strip.height);
         let slot = row % SIDE * stride;
+        let left = if row < SIDE { row } else { row - SIDE };
+        let luma = [row, left].map(|row| &strip.luma[row * stride..][..stride][columns.clone()]);
+        let mut window = Window::<S>::new(&mut strip.sums, luma, &columns);
         if row > 0 && y == clamped(first, row - 1, strip.height) {
             let last = (row - 1) % SIDE * stride;
             strip.inside.copy_within(last..last + stride, slot);
+            strip.warped.copy_from_slice(&strip.ring[last..][..stride]);
+            let (warped, _) = S::as_simd_f32s(&strip.warped[columns.clone()]);
+            let (ring, _) = S::as_mut_simd_f32s(&mut strip.ring[slot..][..stride][columns.clone()]);
+            for (i, (ring, &warped)) in ring.iter_mut().zip(warped).enumerate() {
+                window.replace(simd, i, ring, warped);
+            }
         } else {
             let inside = &mut strip.inside[slot..][..stride];
-            let surface = &strip.surface[row * stride..][..stride];
-            strip.sampler.locate(
+            let depths = match plane {
+                Some(w) => Depths::Plane(w),
+                None => Depths::Surface(&strip.depths[row * stride..][..stride]),
+            };
+            let from = (&source.pair, source.texture);
+            strip.sampler.locate(simd, from, (y, columns.clone()), &strip.centres, depths, inside);
+            let (ring, _) = S::as_mut_simd_f32s(&mut strip.ring[slot..][..stride][columns.clone()]);
+            strip.sampler.sample(
                 simd,
-                &source.pair,
                 source.texture,
-                y,
-                &strip.centres,
-                (surface, offset, ends),
-                inside,
+                columns.clone(),
+                #[inline(always)]
+                |i, warped| window.replace(simd, i, &mut ring[i], warped),
             );
-            strip.sampler.sample(simd, source.texture, &mut strip.warped);
         }
-        let luma = |row: usize| &strip.luma[row * stride..][..stride];
-        let left = if row < SIDE { row } else { row - SIDE };
-        replace_row(
-            simd,
-            &strip.warped,
-            &mut strip.ring[slot..][..stride],
-            [luma(row), luma(left)],
-            &mut strip.sums,
-        );
         if row >= 2 * RADIUS {
             strip.sums.iter_mut().for_each(|sums| extend_margins(sums, width));
             let out = (row - 2 * RADIUS) * stride;
             let centre = row - RADIUS;
             keep_two_smallest(
                 simd,
-                &strip.sums,
+                strip.sums.each_ref().map(|sums| &sums[columns.start..columns.end + 2 * RADIUS]),
                 [
-                    &strip.mean[centre * stride..][..stride],
-                    &strip.inverse_deviation[centre * stride..][..stride],
-                    &strip.inside[centre % SIDE * stride..][..stride],
+                    &strip.mean[centre * stride..][..stride][columns.clone()],
+                    &strip.inverse_deviation[centre * stride..][..stride][columns.clone()],
+                    &strip.inside[centre % SIDE * stride..][..stride][columns.clone()],
                 ],
-                &mut strip.smallest[out..][..stride],
-                &mut strip.second[out..][..stride],
+                &mut strip.smallest[out..][..stride][columns.clone()],
+                &mut strip.second[out..][..stride][columns.clone()],
             );
         }
     }
 }
 
-/// Takes the row that leaves the window out of the sums and adds the one that enters. `luma` is that of the reference at the
-/// entering and at the leaving row.
+/// Costs of all rows where no pixel of a column is seen by a source.
 #[inline(always)]
-fn replace_row<S: Simd>(
-    simd: S,
-    entering: &[f32],
-    leaving: &mut [f32],
-    luma: [&[f32]; 2],
-    sums: &mut [Vec<f32>; 3],
-) {
-    let n = entering.len() / S::F32_LANES;
-    let stride = entering.len();
-    let [new_luma, old_luma] = luma.map(|row| &S::as_simd_f32s(row).0[..n]);
-    let new = &S::as_simd_f32s(entering).0[..n];
-    let old = &mut S::as_mut_simd_f32s(leaving).0[..n];
-    let [sum, squares, products] =
-        sums.each_mut().map(|sums| &mut S::as_mut_simd_f32s(&mut sums[RADIUS..][..stride]).0[..n]);
-    for i in 0..n {
-        let (a, b) = (new[i], old[i]);
+fn leave_outside<S: Simd>(simd: S, strip: &mut Strip, seen: &Range<usize>) {
+    let outside = simd.splat_f32s(OUTSIDE_COST);
+    let stride = strip.stride;
+    let rows = strip.smallest.chunks_exact_mut(stride).zip(strip.second.chunks_exact_mut(stride));
+    for (smallest, second) in rows {
+        for columns in [0..seen.start, seen.end..stride] {
+            let (smallest, _) = S::as_mut_simd_f32s(&mut smallest[columns.clone()]);
+            let (second, _) = S::as_mut_simd_f32s(&mut second[columns]);
+            for (smallest, second) in smallest.iter_mut().zip(second) {
+                put_among(simd, outside, smallest, second);
+            }
+        }
+    }
+}
+
+/// Puts a cost where it belongs among the two smallest.
+#[inline(always)]
+fn put_among<S: Simd>(simd: S, cost: S::f32s, smallest: &mut S::f32s, second: &mut S::f32s) {
+    *second = simd.min_f32s(*second, simd.max_f32s(*smallest, cost));
+    *smallest = simd.min_f32s(*smallest, cost);
+}
+
+/// Sums over the rows of windows, and the luma of the reference in the row that enters and in the one that leaves.
+struct Window<'a, S: Simd> {
+    sums: [&'a mut [S::f32s]; 3],
+    luma: [&'a [S::f32s]; 2],
+}
+
+impl<'a, S: Simd> Window<'a, S> {
+    #[inline(always)]
+    fn new(sums: &'a mut [Vec<f32>; 3], luma: [&'a [f32]; 2], columns: &Range<usize>) -> Self {
+        let n = columns.len() / S::F32_LANES;
+        let of_columns = RADIUS + columns.start..RADIUS + columns.end;
+        Self {
+            sums: sums.each_mut().map(|sums| &mut S::as_mut_simd_f32s(&mut sums[of_columns.clone()]).0[..n]),
+            luma: luma.map(|row| &S::as_simd_f32s(row).0[..n]),
+        }
+    }
+
+    /// Takes the row that leaves the window out of the sums of vector number `i`, and adds the one that enters, which takes its place.
+    #[inline(always)]
+    fn replace(&mut self, simd: S, i: usize, leaving: &mut S::f32s, entering: S::f32s) {
+        let ([sum, squares, products], [new_luma, old_luma]) = (&mut self.sums, self.luma);
+        let (a, b) = (entering, *leaving);
         sum[i] = simd.add_f32s(sum[i], simd.sub_f32s(a, b));
         squares[i] = simd.negate_mul_add_e_f32s(b, b, simd.mul_add_e_f32s(a, a, squares[i]));
         products[i] =
             simd.negate_mul_add_e_f32s(b, old_luma[i], simd.mul_add_e_f32s(a, new_luma[i], products[i]));
-        old[i] = a;
+        *leaving = a;
     }
 }
 
@@ -297,7 +358,7 @@ fn replace_row<S: Simd>(
 #[inline(always)]
 fn keep_two_smallest<S: Simd>(
     simd: S,
-    sums: &[Vec<f32>; 3],
+    sums: [&[f32]; 3],
     [mean, inverse_deviation, inside]: [&[f32]; 3],
     smallest: &mut [f32],
     second: &mut [f32],
@@ -330,8 +391,7 @@ fn keep_two_smallest<S: Simd>(
         let correlation = simd.div_f32s(simd.mul_f32s(covariance, inverse_deviation[i]), deviation);
         let cost = simd.min_f32s(simd.max_f32s(simd.sub_f32s(one, correlation), zero), one);
         let cost = select(simd, simd.greater_than_f32s(inside[i], zero), cost, outside);
-        second[i] = simd.min_f32s(second[i], simd.max_f32s(smallest[i], cost));
-        smallest[i] = simd.min_f32s(smallest[i], cost);
+        put_among(simd, cost, &mut smallest[i], &mut second[i]);
     }
 }
 

@@ -54,6 +54,39 @@ impl Pair {
         self.infinite[0]
     }
 
+    /// Where the centres of the pixels of a row lie that fall in a picture of so many pixels, at inverse depth `w`: from where to where. Of the rows
+    /// with centres at `rows` it is what holds those of each; empty (the first number is larger) if there are none.
+    pub(crate) fn seen(
+        &self,
+        rows: impl Iterator<Item = f64>,
+        w: f32,
+        [width, height]: [usize; 2],
+    ) -> [f64; 2] {
+        // A place falls in it where none of these numbers is negative. They are sums of what x, y and the rest add.
+        let sides = |h: Vec3| {
+            let h = h.as_dvec3();
+            [h.z, h.x, width as f64 * h.z - h.x, h.y, height as f64 * h.z - h.y]
+        };
+        let [by_x, by_y, rest] =
+            [self.infinite[0], self.infinite[1], self.infinite[2] + self.epipole * w].map(sides);
+        let nothing = [f64::INFINITY, f64::NEG_INFINITY];
+        let of_row = |y: f64| {
+            let mut seen = [f64::NEG_INFINITY, f64::INFINITY];
+            for k in 0..by_x.len() {
+                let at_zero = by_y[k] * y + rest[k];
+                if by_x[k] > 0.0 {
+                    seen[0] = seen[0].max(-at_zero / by_x[k]);
+                } else if by_x[k] < 0.0 {
+                    seen[1] = seen[1].min(-at_zero / by_x[k]);
+                } else if at_zero < 0.0 {
+                    return nothing;
+                }
+            }
+            if seen[0] <= seen[1] { seen } else { nothing }
+        };
+        rows.map(of_row).fold(nothing, |all, seen| [all[0].min(seen[0]), all[1].max(seen[1])])
+    }
+
     /// Change of [`Self::project`] by inverse depth.
     #[must_use]
     pub fn epipole(&self) -> Vec3 {
@@ -85,5 +118,37 @@ mod tests {
                 assert!((f64::from(h.z) * depth - b.to_camera(world).z).abs() < 1e-4 * depth);
             }
         }
+    }
+
+    #[test]
+    fn what_falls_in_the_other_picture_is_seen_and_hardly_more() {
+        let lens = Intrinsics { fx: 60.0, fy: 55.0, cx: 30.0, cy: 21.0, width: 64, height: 40 };
+        let a = Camera::looking_at(lens, DVec3::ZERO, DVec3::Z, DVec3::NEG_Y).unwrap();
+        for (from, to) in [
+            (DVec3::new(0.4, -0.1, 0.2), DVec3::new(0.0, 0.1, 4.0)),
+            (DVec3::new(-2.0, 1.0, 3.0), DVec3::new(0.5, 0.0, 2.5)),
+            (DVec3::new(0.0, 0.0, 6.0), DVec3::ZERO),
+            (DVec3::new(0.0, 0.0, 6.0), DVec3::new(0.0, 0.0, 9.0)),
+        ] {
+            let pair = Pair::new(&a, &Camera::looking_at(lens, from, to, DVec3::NEG_Y).unwrap());
+            for w in [0.0, 0.05, 0.2, 0.5, 2.0] {
+                let falls = |x: usize, y: usize| {
+                    let h = pair.project(x as f32 + 0.5, y as f32 + 0.5, w);
+                    h.z > 0.0 && (0.0..=64.0).contains(&(h.x / h.z)) && (0.0..=40.0).contains(&(h.y / h.z))
+                };
+                for rows in [0..40, 3..9, 17..18] {
+                    let columns: Vec<usize> =
+                        (0..64).filter(|&x| rows.clone().any(|y| falls(x, y))).collect();
+                    let seen = pair.seen(rows.clone().map(|y| y as f64 + 0.5), w, [64, 40]);
+                    let expected: Vec<usize> =
+                        (0..64).filter(|&x| (seen[0]..=seen[1]).contains(&(x as f64 + 0.5))).collect();
+                    assert_eq!(columns, expected, "{from} {w} {rows:?}");
+                }
+            }
+        }
+        let nowhere =
+            Pair::new(&a, &Camera::looking_at(lens, DVec3::ZERO, DVec3::NEG_Z, DVec3::NEG_Y).unwrap());
+        let [from, to] = nowhere.seen([0.5, 20.5].into_iter(), 0.5, [64, 40]);
+        assert!(from > to);
     }
 }

@@ -2,8 +2,10 @@
 
 use crate::pair::Pair;
 use cpu_kernels::pulp::{Simd, cast};
-use cpu_kernels::vector::{abs, select};
+use cpu_kernels::vector::{abs, keep};
+use glam::Vec3;
 use gs_scene::Image;
+use std::ops::Range;
 
 /// 8-bit luma whose every entry packs the 2×2 block (x, y), (x+1, y), (x, y+1), (x+1, y+1), clamped at the border.
 #[derive(Debug)]
@@ -43,10 +45,21 @@ pub(crate) struct Sampler {
     fraction_y: Vec<f32>,
 }
 
-/// 2²³: added to a number in 0..2²³ it leaves the nearest integer in the low mantissa bits.
-pub(crate) const TO_INTEGER: f32 = 8_388_608.0;
+/// Inverse depths of the pixels of a row.
+#[derive(Clone, Copy)]
+pub(crate) enum Depths<'a> {
+    /// One for all.
+    Plane(f32),
+    /// One for each.
+    Surface(&'a [f32]),
+}
+
+/// 2²³ + 2²²: added to a number of at least -½ and below 2²² it leaves the nearest integer in the low mantissa bits; -½ becomes 0.
+pub(crate) const TO_INTEGER: f32 = 12_582_912.0;
 /// 2¹⁵ with 8 bits behind the point: a byte in the second lowest place of its mantissa is added to it.
 const WITH_BYTE: f32 = 32_768.0;
+/// Texels that are looked up together, which takes fewer instructions for each than one at a time.
+pub(crate) const TOGETHER: usize = 8;
 
 impl Sampler {
     /// For rows of `stride` pixels, a multiple of the lanes of a vector.
@@ -59,76 +72,115 @@ impl Sampler {
         }
     }
 
-    /// Finds where the pixels of reference row `y`, with centres at `centres`, fall at the inverse depths `surface + offset`,
-    /// kept within `ends`. `inside` becomes 1 where that is in the picture and before the camera, else 0 (the sample is then
-    /// the nearest border pixel's).
+    /// Finds where the pixels of reference row `y` that are in `columns`, with centres at `centres`, fall. `inside` becomes 1 where that is in
+    /// the picture and before the camera, else 0 (the sample is then the nearest border pixel's).
     #[inline(always)]
     pub(crate) fn locate<S: Simd>(
         &mut self,
         simd: S,
-        pair: &Pair,
-        texture: &Texture,
-        y: usize,
+        (pair, texture): (&Pair, &Texture),
+        (y, columns): (usize, Range<usize>),
         centres: &[f32],
-        (surface, offset, (farthest, nearest)): (&[f32], f32, (f32, f32)),
+        depths: Depths,
         inside: &mut [f32],
     ) {
-        let n = centres.len() / S::F32_LANES;
-        let centres = &S::as_simd_f32s(centres).0[..n];
-        let surface = &S::as_simd_f32s(surface).0[..n];
-        let inside = &mut S::as_mut_simd_f32s(inside).0[..n];
-        let index = &mut S::as_mut_simd_u32s(&mut self.index).0[..n];
-        let fraction_x = &mut S::as_mut_simd_f32s(&mut self.fraction_x).0[..n];
-        let fraction_y = &mut S::as_mut_simd_f32s(&mut self.fraction_y).0[..n];
-        let start = splat(simd, pair.row(y as f32 + 0.5).to_array());
-        let step = splat(simd, pair.step().to_array());
-        let epipole = splat(simd, pair.epipole().to_array());
-        let [offset, farthest, nearest] = splat(simd, [offset, farthest, nearest]);
-        let half_size = splat(simd, [0.5 * texture.width as f32, 0.5 * texture.height as f32]);
-        let last = splat(simd, [(texture.width - 1) as f32, (texture.height - 1) as f32]);
-        let [zero, one, half] = splat(simd, [0.0, 1.0, 0.5]);
+        // Half a pixel to the left and up, so that whole numbers are the centres of pixels.
+        let centred = |place: Vec3| place - Vec3::new(0.5 * place.z, 0.5 * place.z, 0.0);
+        let (start, epipole) = (pair.row(y as f32 + 0.5), pair.epipole());
+        let step = splat(simd, centred(pair.step()).to_array());
+        match depths {
+            Depths::Plane(w) => {
+                let start = splat(simd, centred(start + epipole * w).to_array());
+                self.place(
+                    simd,
+                    texture,
+                    columns,
+                    centres,
+                    inside,
+                    #[inline(always)]
+                    |_, x| multiply_add(simd, step, x, start),
+                );
+            }
+            Depths::Surface(depths) => {
+                let start = splat(simd, centred(start).to_array());
+                let epipole = splat(simd, centred(epipole).to_array());
+                let depths = S::as_simd_f32s(&depths[columns.clone()]).0;
+                self.place(
+                    simd,
+                    texture,
+                    columns,
+                    centres,
+                    inside,
+                    #[inline(always)]
+                    |i, x| multiply_add(simd, epipole, depths[i], multiply_add(simd, step, x, start)),
+                );
+            }
+        }
+    }
+
+    /// [`Self::locate`] with `place`, which gives the homogeneous place of vector number `i` of pixels, from the centre of pixel (0, 0).
+    #[inline(always)]
+    fn place<S: Simd>(
+        &mut self,
+        simd: S,
+        texture: &Texture,
+        columns: Range<usize>,
+        centres: &[f32],
+        inside: &mut [f32],
+        place: impl Fn(usize, S::f32s) -> [S::f32s; 3],
+    ) {
+        let n = columns.len() / S::F32_LANES;
+        let centres = &S::as_simd_f32s(&centres[columns.clone()]).0[..n];
+        let inside = &mut S::as_mut_simd_f32s(&mut inside[columns.clone()]).0[..n];
+        let index = &mut S::as_mut_simd_u32s(&mut self.index[columns.clone()]).0[..n];
+        let fraction_x = &mut S::as_mut_simd_f32s(&mut self.fraction_x[columns.clone()]).0[..n];
+        let fraction_y = &mut S::as_mut_simd_f32s(&mut self.fraction_y[columns]).0[..n];
+        let last = [texture.width, texture.height].map(|size| (size - 1) as f32);
+        let reach = splat(simd, last.map(|last| 0.5 * last + 0.5));
+        let middle = splat(simd, last.map(|last| 0.5 * last));
+        let last = splat(simd, last);
+        let [zero, one] = splat(simd, [0.0, 1.0]);
         let row_length = simd.splat_u32s(texture.width as u32);
-        // Both numbers below carry the bits of 2²³.
+        // Both numbers below carry the bits of TO_INTEGER.
         let bits = TO_INTEGER.to_bits();
         let excess = simd.splat_u32s(bits.wrapping_mul(texture.width as u32).wrapping_add(bits));
         for i in 0..n {
-            let w = simd.add_f32s(surface[i], offset);
-            let w = simd.max_f32s(simd.min_f32s(w, nearest), farthest);
-            let x = centres[i];
-            let mut h = start;
-            for axis in 0..3 {
-                h[axis] = simd.mul_add_e_f32s(step[axis], x, h[axis]);
-                h[axis] = simd.mul_add_e_f32s(epipole[axis], w, h[axis]);
-            }
-            let [u, v, z] = h;
+            let [u, v, z] = place(i, centres[i]);
             let inverse = simd.div_f32s(one, z);
             let (u, v) = (simd.mul_f32s(u, inverse), simd.mul_f32s(v, inverse));
-            let before = select(simd, simd.greater_than_f32s(z, zero), one, zero);
-            let before = select(simd, within(simd, u, half_size[0]), before, zero);
-            inside[i] = select(simd, within(simd, v, half_size[1]), before, zero);
-            let (column, right) = place(simd, u, half, last[0]);
-            let (row, down) = place(simd, v, half, last[1]);
+            let before = keep(simd, simd.greater_than_f32s(z, zero), one);
+            let before = keep(simd, within(simd, u, middle[0], reach[0]), before);
+            inside[i] = keep(simd, within(simd, v, middle[1], reach[1]), before);
+            let (column, right) = texel(simd, u, last[0]);
+            let (row, down) = texel(simd, v, last[1]);
             fraction_x[i] = right;
             fraction_y[i] = down;
             index[i] = simd.sub_u32s(simd.add_u32s(simd.mul_u32s(row, row_length), column), excess);
         }
     }
 
-    /// What the texture has at the places that were found, between its pixels by bilinear interpolation.
+    /// Calls `visit` with the number of each vector of pixels in `columns`, and with what the texture has at the places that were found,
+    /// between its pixels by bilinear interpolation.
     #[inline(always)]
-    pub(crate) fn sample<S: Simd>(&mut self, simd: S, texture: &Texture, out: &mut [f32]) {
-        // Eight at a time, which takes fewer instructions for each than one at a time.
-        let indices = self.index.as_chunks::<8>().0;
-        for (texels, indices) in self.texels.as_chunks_mut::<8>().0.iter_mut().zip(indices) {
+    pub(crate) fn sample<S: Simd>(
+        &mut self,
+        simd: S,
+        texture: &Texture,
+        columns: Range<usize>,
+        mut visit: impl FnMut(usize, S::f32s),
+    ) {
+        let indices = self.index[columns.clone()].as_chunks::<TOGETHER>().0;
+        for (texels, indices) in
+            self.texels[columns.clone()].as_chunks_mut::<TOGETHER>().0.iter_mut().zip(indices)
+        {
             for (texel, &index) in texels.iter_mut().zip(indices) {
                 *texel = texture.packed[index as usize];
             }
         }
-        let n = out.len() / S::F32_LANES;
-        let out = &mut S::as_mut_simd_f32s(out).0[..n];
-        let texels = &S::as_simd_u32s(&self.texels).0[..n];
-        let fraction_x = &S::as_simd_f32s(&self.fraction_x).0[..n];
-        let fraction_y = &S::as_simd_f32s(&self.fraction_y).0[..n];
+        let n = columns.len() / S::F32_LANES;
+        let texels = &S::as_simd_u32s(&self.texels[columns.clone()]).0[..n];
+        let fraction_x = &S::as_simd_f32s(&self.fraction_x[columns.clone()]).0[..n];
+        let fraction_y = &S::as_simd_f32s(&self.fraction_y[columns]).0[..n];
         let (byte, carrier) = (simd.splat_u32s(0xff00), simd.splat_u32s(WITH_BYTE.to_bits()));
         let (eight, sixteen) = (simd.splat_u32s(8), simd.splat_u32s(16));
         let [grey] = splat(simd, [WITH_BYTE + MID_GREY]);
@@ -148,9 +200,16 @@ impl Sampler {
             let (c, d) = (cast(c), cast(d));
             let upper = simd.mul_add_e_f32s(simd.sub_f32s(b, a), fraction_x[i], simd.sub_f32s(a, grey));
             let lower = simd.mul_add_e_f32s(simd.sub_f32s(d, c), fraction_x[i], simd.sub_f32s(c, grey));
-            out[i] = simd.mul_add_e_f32s(simd.sub_f32s(lower, upper), fraction_y[i], upper);
+            visit(i, simd.mul_add_e_f32s(simd.sub_f32s(lower, upper), fraction_y[i], upper));
         }
     }
+}
+
+/// a b + c of homogeneous places.
+#[inline(always)]
+fn multiply_add<S: Simd>(simd: S, a: [S::f32s; 3], b: S::f32s, c: [S::f32s; 3]) -> [S::f32s; 3] {
+    let [[u, v, z], [c_u, c_v, c_z]] = [a, c];
+    [simd.mul_add_e_f32s(u, b, c_u), simd.mul_add_e_f32s(v, b, c_v), simd.mul_add_e_f32s(z, b, c_z)]
 }
 
 #[inline(always)]
@@ -162,21 +221,20 @@ pub(crate) fn splat<S: Simd, const N: usize>(simd: S, values: [f32; N]) -> [S::f
     out
 }
 
-/// Whether a place is in 0..=2 half. What is not a number is not.
+/// Whether a place is at most `reach` from `middle`. What is not a number is not.
 #[inline(always)]
-fn within<S: Simd>(simd: S, u: S::f32s, half: S::f32s) -> S::m32s {
-    simd.less_than_or_equal_f32s(abs(simd, simd.sub_f32s(u, half)), half)
+fn within<S: Simd>(simd: S, u: S::f32s, middle: S::f32s, reach: S::f32s) -> S::m32s {
+    simd.less_than_or_equal_f32s(abs(simd, simd.sub_f32s(u, middle)), reach)
 }
 
-/// The pixel to the left of (above) a place, or one more where that makes no difference, with the bits of 2²³ around it; and
-/// how far the place is behind its centre. What is not a number becomes 0.
+/// The pixel to the left of (above) a place, or one more where that makes no difference, with the bits of [`TO_INTEGER`] around it; and how far the
+/// place is behind its centre. What is not a number becomes 0.
 #[inline(always)]
-fn place<S: Simd>(simd: S, u: S::f32s, half: S::f32s, last: S::f32s) -> (S::u32s, S::f32s) {
-    let [zero, to_integer] = splat(simd, [0.0, TO_INTEGER]);
-    let position = simd.sub_f32s(u, half);
-    let position = select(simd, simd.greater_than_f32s(position, zero), simd.min_f32s(position, last), zero);
-    let rounded = simd.add_f32s(simd.max_f32s(simd.sub_f32s(position, half), zero), to_integer);
-    (cast(rounded), simd.sub_f32s(position, simd.sub_f32s(rounded, to_integer)))
+fn texel<S: Simd>(simd: S, u: S::f32s, last: S::f32s) -> (S::u32s, S::f32s) {
+    let [zero, half, to_integer] = splat(simd, [0.0, 0.5, TO_INTEGER]);
+    let place = keep(simd, simd.greater_than_f32s(u, zero), simd.min_f32s(u, last));
+    let rounded = simd.add_f32s(simd.sub_f32s(place, half), to_integer);
+    (cast(rounded), simd.sub_f32s(place, simd.sub_f32s(rounded, to_integer)))
 }
 
 #[cfg(test)]
@@ -197,9 +255,10 @@ mod tests {
                 let Self(texture, pair, y, w, [mut out, mut inside]) = self;
                 let centres: Vec<f32> = (0..w.len()).map(|x| x as f32 + 0.5).collect();
                 let mut sampler = Sampler::new(w.len());
-                let place = (w, 0.0, (0.0, f32::MAX));
-                sampler.locate(simd, pair, texture, y, &centres, place, &mut inside);
-                sampler.sample(simd, texture, &mut out);
+                let (columns, depths) = (0..w.len(), Depths::Surface(w));
+                sampler.locate(simd, (pair, texture), (y, columns.clone()), &centres, depths, &mut inside);
+                let (vectors, _) = S::as_mut_simd_f32s(&mut out);
+                sampler.sample(simd, texture, columns, |i, value| vectors[i] = value);
                 [out, inside]
             }
         }

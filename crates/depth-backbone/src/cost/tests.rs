@@ -96,7 +96,8 @@ proptest! {
             pair: Pair::new(&reference_camera, &camera(texture.width, texture.height, 0.2 * f64::from(i))),
         }).collect();
         let surface: Vec<f32> = (0..width * height).map(|i| 0.3 + 0.1 * (i as f32 * 0.05).sin()).collect();
-        let offsets = [-0.05, 0.02];
+        // At the last a source does not see much of the picture.
+        let offsets = [-0.05, 0.02, 1.5];
         let ends = (0.01, 2.0);
         let reference = Reference { texture: &reference, statistics: &statistics };
         for isa in Isa::available() {
