@@ -197,9 +197,9 @@ impl WithSimd for Look<'_, '_> {
         let stride = seen.row.len();
         let rows = seen.pixels.chunks_exact_mut(stride).zip(seen.inverse_depths.chunks_exact_mut(stride));
         for (witness, (pixels, inverse_depths)) in witnesses.iter().zip(rows) {
-            let start = splat(simd, witness.to.row(v).to_array());
-            let step = splat(simd, witness.to.step().to_array());
-            let epipole = splat(simd, witness.to.epipole().to_array());
+            let start = splat(simd, witness.to.row(v).as_vec3().to_array());
+            let step = splat(simd, witness.to.step().as_vec3().to_array());
+            let epipole = splat(simd, witness.to.epipole().as_vec3().to_array());
             let size = splat(simd, [witness.width as f32, witness.height as f32]);
             let [zero] = splat(simd, [0.0]);
             let row_length = simd.splat_u32s(witness.width as u32);

@@ -98,15 +98,50 @@ pub(crate) struct Source<'a> {
     pub(crate) pair: Pair,
 }
 
-/// The inverse depths that are tried at each pixel: `surface + offset`, kept within `ends`. Without a surface they are planes, and the
-/// offset is all there is to them. Where there is one, windows follow it: each of their pixels is warped by its own depth.
+/// The inverse depths that are tried at each pixel.
 #[derive(Clone, Copy)]
-pub(crate) struct Hypotheses<'a> {
-    /// `[height, width]`.
-    pub(crate) surface: Option<&'a [f32]>,
-    pub(crate) offsets: &'a [f32],
-    /// Smallest and largest inverse depth.
-    pub(crate) ends: (f32, f32),
+pub(crate) enum Hypotheses<'a> {
+    /// The same at all pixels. What falls where is computed in f64 along columns, so that it does not depend on the scale of the scene.
+    Planes(&'a [f64]),
+    /// `surface + offset`, within `ends` (smallest and largest). Windows follow the surface: each of their pixels is warped by its own depth.
+    About {
+        /// `[height, width]`.
+        surface: &'a [f32],
+        offsets: &'a [f32],
+        ends: (f32, f32),
+    },
+}
+
+impl<'a> Hypotheses<'a> {
+    /// Number of inverse depths.
+    pub(crate) fn len(&self) -> usize {
+        match self {
+            Self::Planes(planes) => planes.len(),
+            Self::About { offsets, .. } => offsets.len(),
+        }
+    }
+
+    fn surface(&self) -> Option<&'a [f32]> {
+        match self {
+            Self::Planes(_) => None,
+            Self::About { surface, .. } => Some(surface),
+        }
+    }
+
+    fn get(&self, index: usize) -> Hypothesis {
+        match self {
+            Self::Planes(planes) => Hypothesis::Plane(planes[index]),
+            Self::About { offsets, ends, .. } => Hypothesis::Offset(offsets[index], *ends),
+        }
+    }
+}
+
+/// One of them.
+#[derive(Clone, Copy)]
+enum Hypothesis {
+    Plane(f64),
+    /// And the ends.
+    Offset(f32, (f32, f32)),
 }
 
 /// Rows of a strip with three more above and below, each filled up to whole vectors, and what is summed along them.
@@ -121,11 +156,9 @@ struct Strip {
     luma: Vec<f32>,
     mean: Vec<f32>,
     inverse_deviation: Vec<f32>,
-    /// The surface, if there is one, and the inverse depths that are tried: `[rows + 6, stride]`.
-    surface: Option<Vec<f32>>,
+    /// The surface and the inverse depths that are tried about it: `[rows + 6, stride]`, or empty if there is none.
+    surface: Vec<f32>,
     depths: Vec<f32>,
-    /// Centres of the pixels of a row.
-    centres: Vec<f32>,
     sampler: Sampler,
     /// A row that was warped.
     warped: Vec<f32>,
@@ -161,9 +194,8 @@ impl Strip {
             mean: gather(&reference.statistics.mean),
             inverse_deviation: gather(&reference.statistics.inverse_deviation),
             depths: vec![0.0; if surface.is_some() { taken * stride } else { 0 }],
-            surface: surface.map(gather),
-            centres: (0..stride).map(|x| x as f32 + 0.5).collect(),
-            sampler: Sampler::new(stride),
+            surface: surface.map_or_else(Vec::new, gather),
+            sampler: Sampler::new(width, stride),
             warped: vec![0.0; stride],
             ring: vec![0.0; SIDE * stride],
             inside: vec![0.0; SIDE * stride],
@@ -174,13 +206,13 @@ impl Strip {
         }
     }
 
-    /// Costs of every row at the inverse depths `surface + offset`, kept within `ends`; they are in `smallest` then.
-    fn match_all(&mut self, isa: Isa, sources: &[Source], offset: f32, ends: (f32, f32)) {
-        dispatch(isa, Match { strip: self, sources, offset, ends });
+    /// Costs of every row; they are in `smallest` then.
+    fn match_all(&mut self, isa: Isa, sources: &[Source], hypothesis: Hypothesis) {
+        dispatch(isa, Match { strip: self, sources, hypothesis });
     }
 
     /// Columns, in groups of `together`, that hold all pixels which a source may see at inverse depth `w`, and their windows.
-    fn seen(&self, source: &Source, w: f32, together: usize) -> Range<usize> {
+    fn seen(&self, source: &Source, w: f64, together: usize) -> Range<usize> {
         let size = [source.texture.width, source.texture.height];
         let rows = self.rows.clone().map(|y| y as f64 + 0.5);
         let [from, to] = source.pair.seen(rows, w, size);
@@ -200,12 +232,11 @@ impl Strip {
     }
 }
 
-/// One offset of a strip against all sources.
+/// A hypothesis for a strip against all sources.
 struct Match<'a, 's> {
     strip: &'a mut Strip,
     sources: &'a [Source<'s>],
-    offset: f32,
-    ends: (f32, f32),
+    hypothesis: Hypothesis,
 }
 
 impl WithSimd for Match<'_, '_> {
@@ -213,17 +244,20 @@ impl WithSimd for Match<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { strip, sources, offset, ends: (farthest, nearest) } = self;
+        let Self { strip, sources, hypothesis } = self;
         strip.smallest.fill(1.0);
         strip.second.fill(1.0);
-        if let Some(surface) = &strip.surface {
-            let (depths, _) = S::as_mut_simd_f32s(&mut strip.depths);
-            let [offset, nearest, farthest] = splat(simd, [offset, nearest, farthest]);
-            for (depth, &surface) in depths.iter_mut().zip(S::as_simd_f32s(surface).0) {
-                *depth = simd.max_f32s(simd.min_f32s(simd.add_f32s(surface, offset), nearest), farthest);
+        let plane = match hypothesis {
+            Hypothesis::Plane(w) => Some(w),
+            Hypothesis::Offset(offset, (farthest, nearest)) => {
+                let (depths, _) = S::as_mut_simd_f32s(&mut strip.depths);
+                let [offset, nearest, farthest] = splat(simd, [offset, nearest, farthest]);
+                for (depth, &surface) in depths.iter_mut().zip(S::as_simd_f32s(&strip.surface).0) {
+                    *depth = simd.max_f32s(simd.min_f32s(simd.add_f32s(surface, offset), nearest), farthest);
+                }
+                None
             }
-        }
-        let plane = strip.surface.is_none().then(|| offset.min(nearest).max(farthest));
+        };
         for source in sources {
             match_source(simd, strip, source, plane);
         }
@@ -240,7 +274,7 @@ impl WithSimd for Match<'_, '_> {
 
 /// Costs of a strip by one source, at the inverse depth `plane`, or at `depths` if there is none.
 #[inline(always)]
-fn match_source<S: Simd>(simd: S, strip: &mut Strip, source: &Source, plane: Option<f32>) {
+fn match_source<S: Simd>(simd: S, strip: &mut Strip, source: &Source, plane: Option<f64>) {
     let (width, stride, first) = (strip.width, strip.stride, strip.rows.start);
     let columns = plane.map_or(0..stride, |w| strip.seen(source, w, TOGETHER.max(S::F32_LANES)));
     leave_outside(simd, strip, &columns);
@@ -271,7 +305,7 @@ fn match_source<S: Simd>(simd: S, strip: &mut Strip, source: &Source, plane: Opt
                 None => Depths::Surface(&strip.depths[row * stride..][..stride]),
             };
             let from = (&source.pair, source.texture);
-            strip.sampler.locate(simd, from, (y, columns.clone()), &strip.centres, depths, inside);
+            strip.sampler.locate(simd, from, (y, columns.clone()), depths, inside);
             let (ring, _) = S::as_mut_simd_f32s(&mut strip.ring[slot..][..stride][columns.clone()]);
             strip.sampler.sample(
                 simd,
@@ -403,25 +437,19 @@ fn strips(height: usize) -> impl IndexedParallelIterator<Item = Range<usize>> {
     })
 }
 
-/// The cost volume `[height, width, planes]`, 0..[`COST_LEVELS`]. There are as many planes as offsets, filled up to whole vectors with
+/// The cost volume `[height, width, planes]`, 0..[`COST_LEVELS`]. There are as many planes as hypotheses, filled up to whole vectors with
 /// costs beyond all others.
-pub(crate) fn volume(
-    isa: Isa,
-    reference: Reference,
-    sources: &[Source],
-    hypotheses: &Hypotheses,
-) -> Vec<u16> {
+pub(crate) fn volume(isa: Isa, reference: Reference, sources: &[Source], hypotheses: Hypotheses) -> Vec<u16> {
     let (width, height) = (reference.texture.width, reference.texture.height);
-    let Hypotheses { surface, offsets, ends } = *hypotheses;
-    let count = offsets.len();
-    let planes = count.next_multiple_of(sgm::LANES);
+    let planes = hypotheses.len().next_multiple_of(sgm::LANES);
     let mut volume = vec![0; width * height * planes];
     volume.par_chunks_mut(STRIP * width * planes).zip(strips(height)).for_each(|(volume, rows)| {
-        let mut strip = Strip::new(reference, surface, rows);
+        let mut strip = Strip::new(reference, hypotheses.surface(), rows);
         let pixels = strip.rows.len() * width;
-        let mut by_offset = vec![BEYOND; planes * pixels];
-        for (out, &offset) in by_offset.chunks_exact_mut(pixels).zip(offsets) {
-            strip.match_all(isa, sources, offset, ends);
+        let mut by_plane = vec![BEYOND; planes * pixels];
+        let tried = (0..hypotheses.len()).map(|index| hypotheses.get(index));
+        for (out, hypothesis) in by_plane.chunks_exact_mut(pixels).zip(tried) {
+            strip.match_all(isa, sources, hypothesis);
             compiled_for!(isa, {
                 for (row, out) in out.chunks_exact_mut(width).enumerate() {
                     for (out, &cost) in out.iter_mut().zip(strip.costs(row)) {
@@ -431,7 +459,7 @@ pub(crate) fn volume(
                 }
             });
         }
-        transpose(&by_offset, volume, pixels, planes);
+        transpose(&by_plane, volume, pixels, planes);
     });
     volume
 }
@@ -468,7 +496,7 @@ pub(crate) fn surface_costs(
     let mut costs = vec![0.0; width * height];
     costs.par_chunks_mut(STRIP * width).zip(strips(height)).for_each(|(costs, rows)| {
         let mut strip = Strip::new(reference, Some(surface), rows);
-        strip.match_all(isa, sources, 0.0, ends);
+        strip.match_all(isa, sources, Hypothesis::Offset(0.0, ends));
         for (row, costs) in costs.chunks_exact_mut(width).enumerate() {
             costs.copy_from_slice(strip.costs(row));
         }

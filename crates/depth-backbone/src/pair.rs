@@ -12,13 +12,13 @@ fn calibration(lens: &Intrinsics) -> DMat3 {
 }
 
 /// The map (pixel, inverse depth w) → homogeneous pixel `infinite · (u, v, 1) + epipole · w` of another view.
-/// Built in f64 from relative poses, so scenes far from the origin lose nothing by the f32 arithmetic after it.
+/// Built in f64 from relative poses, so scenes far from the origin lose nothing by the f32 arithmetic on pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct Pair {
     /// `K_s R K_r⁻¹`: where the pixel falls when it is infinitely far.
-    infinite: [Vec3; 3],
+    infinite: [DVec3; 3],
     /// `K_s t`.
-    epipole: Vec3,
+    epipole: DVec3,
 }
 
 impl Pair {
@@ -31,26 +31,28 @@ impl Pair {
         let infinite =
             calibration(source.intrinsics()) * rotation * calibration(reference.intrinsics()).inverse();
         let epipole = calibration(source.intrinsics()) * translation;
-        Self {
-            infinite: [infinite.x_axis.as_vec3(), infinite.y_axis.as_vec3(), infinite.z_axis.as_vec3()],
-            epipole: epipole.as_vec3(),
-        }
+        Self { infinite: [infinite.x_axis, infinite.y_axis, infinite.z_axis], epipole }
     }
 
     /// Homogeneous source pixel of the reference position (u, v) at inverse depth `w`. Its z times the depth is the
     /// z-depth in the source view.
     #[must_use]
     pub fn project(&self, u: f32, v: f32, w: f32) -> Vec3 {
-        self.row(v) + self.infinite[0] * u + self.epipole * w
+        self.row(v).as_vec3() + self.step().as_vec3() * u + self.epipole.as_vec3() * w
     }
 
     /// The part of [`Self::project`] that is the same along an image row.
-    pub(crate) fn row(&self, v: f32) -> Vec3 {
-        self.infinite[1] * v + self.infinite[2]
+    pub(crate) fn row(&self, v: f32) -> DVec3 {
+        self.infinite[1] * f64::from(v) + self.infinite[2]
+    }
+
+    /// The same at one inverse depth.
+    pub(crate) fn row_of_plane(&self, v: f32, w: f64) -> DVec3 {
+        self.row(v) + self.epipole * w
     }
 
     /// Change of [`Self::project`] by one pixel to the right.
-    pub(crate) fn step(&self) -> Vec3 {
+    pub(crate) fn step(&self) -> DVec3 {
         self.infinite[0]
     }
 
@@ -59,16 +61,12 @@ impl Pair {
     pub(crate) fn seen(
         &self,
         rows: impl Iterator<Item = f64>,
-        w: f32,
+        w: f64,
         [width, height]: [usize; 2],
     ) -> [f64; 2] {
         // A place falls in it where none of these numbers is negative. They are sums of what x, y and the rest add.
-        let sides = |h: Vec3| {
-            let h = h.as_dvec3();
-            [h.z, h.x, width as f64 * h.z - h.x, h.y, height as f64 * h.z - h.y]
-        };
-        let [by_x, by_y, rest] =
-            [self.infinite[0], self.infinite[1], self.infinite[2] + self.epipole * w].map(sides);
+        let sides = |h: DVec3| [h.z, h.x, width as f64 * h.z - h.x, h.y, height as f64 * h.z - h.y];
+        let [by_x, by_y, rest] = [self.infinite[0], self.infinite[1], self.row_of_plane(0.0, w)].map(sides);
         let nothing = [f64::INFINITY, f64::NEG_INFINITY];
         let of_row = |y: f64| {
             let mut seen = [f64::NEG_INFINITY, f64::INFINITY];
@@ -89,7 +87,7 @@ impl Pair {
 
     /// Change of [`Self::project`] by inverse depth.
     #[must_use]
-    pub fn epipole(&self) -> Vec3 {
+    pub fn epipole(&self) -> DVec3 {
         self.epipole
     }
 }
@@ -131,7 +129,7 @@ mod tests {
             (DVec3::new(0.0, 0.0, 6.0), DVec3::new(0.0, 0.0, 9.0)),
         ] {
             let pair = Pair::new(&a, &Camera::looking_at(lens, from, to, DVec3::NEG_Y).unwrap());
-            for w in [0.0, 0.05, 0.2, 0.5, 2.0] {
+            for w in [0.0_f32, 0.05, 0.2, 0.5, 2.0] {
                 let falls = |x: usize, y: usize| {
                     let h = pair.project(x as f32 + 0.5, y as f32 + 0.5, w);
                     h.z > 0.0 && (0.0..=64.0).contains(&(h.x / h.z)) && (0.0..=40.0).contains(&(h.y / h.z))
@@ -139,7 +137,7 @@ mod tests {
                 for rows in [0..40, 3..9, 17..18] {
                     let columns: Vec<usize> =
                         (0..64).filter(|&x| rows.clone().any(|y| falls(x, y))).collect();
-                    let seen = pair.seen(rows.clone().map(|y| y as f64 + 0.5), w, [64, 40]);
+                    let seen = pair.seen(rows.clone().map(|y| y as f64 + 0.5), w.into(), [64, 40]);
                     let expected: Vec<usize> =
                         (0..64).filter(|&x| (seen[0]..=seen[1]).contains(&(x as f64 + 0.5))).collect();
                     assert_eq!(columns, expected, "{from} {w} {rows:?}");

@@ -271,8 +271,7 @@ fn within_volumes<'v, T: Send>(
 
 /// A view's inverse depth by semi-global matching of all planes.
 pub(crate) fn sweep(view: &Matched, all: &[Matched], planes: &Planes) -> Vec<f32> {
-    let hypotheses = Hypotheses { surface: None, offsets: &planes.inverse_depths(), ends: planes.ends() };
-    let sums = sums(view, all, &hypotheses, None);
+    let sums = sums(view, all, Hypotheses::Planes(&planes.inverse_depths()), None);
     let winners = sgm::winners(&sums, planes.count().next_multiple_of(sgm::LANES), planes.count());
     winners.into_iter().map(|plane| planes.inverse_depth(plane)).collect()
 }
@@ -288,9 +287,9 @@ fn sweep_about(
 ) -> (Vec<f32>, Vec<f32>) {
     let ((farthest, nearest), step) = (planes.ends(), planes.step());
     let offsets: Vec<f32> = (-REACH..=REACH).map(|plane| plane as f32 * step).collect();
-    let hypotheses = Hypotheses { surface: Some(surface), offsets: &offsets, ends: planes.ends() };
+    let hypotheses = Hypotheses::About { surface, offsets: &offsets, ends: planes.ends() };
     let first: Vec<i32> = surface.iter().map(|&w| planes.next_to(w)).collect();
-    let sums = sums(view, all, &hypotheses, Some(&first));
+    let sums = sums(view, all, hypotheses, Some(&first));
     let padded = offsets.len().next_multiple_of(sgm::LANES);
     let winners = sgm::winners(&sums, padded, offsets.len());
     let place = |(winner, w): (f32, &f32)| (w + (winner - REACH as f32) * step).clamp(farthest, nearest);
@@ -302,10 +301,10 @@ fn sweep_about(
 
 /// Sums of the matching costs of a view's hypotheses at each pixel, filled up to whole vectors. `first` is the number of each pixel's
 /// first plane, where they differ.
-fn sums(view: &Matched, all: &[Matched], hypotheses: &Hypotheses, first: Option<&[i32]>) -> Vec<u16> {
+fn sums(view: &Matched, all: &[Matched], hypotheses: Hypotheses, first: Option<&[i32]>) -> Vec<u16> {
     let isa = Isa::in_use();
     let costs = volume(isa, view.reference(), &view.sources(all), hypotheses);
-    let planes = hypotheses.offsets.len().next_multiple_of(sgm::LANES);
+    let planes = hypotheses.len().next_multiple_of(sgm::LANES);
     let volume = sgm::Volume { costs: &costs, width: view.texture.width, planes, first };
     sgm::aggregate(isa, volume, &view.texture.values)
 }

@@ -90,8 +90,8 @@ impl Planes {
     }
 
     /// All inverse depths, far to near.
-    pub(crate) fn inverse_depths(&self) -> Vec<f32> {
-        (0..self.count).map(|plane| self.inverse_depth(plane as f32)).collect()
+    pub(crate) fn inverse_depths(&self) -> Vec<f64> {
+        (0..self.count).map(|plane| self.farthest + self.step * plane as f64).collect()
     }
 }
 
@@ -104,7 +104,7 @@ mod tests {
         let planes = Planes::new(2.0, 8.0, 5).unwrap();
         let w = planes.inverse_depths();
         assert!((w[0] - 0.1).abs() < 1e-7 && (w[4] - 0.625).abs() < 1e-7);
-        assert!((w[1] - w[0] - planes.step()).abs() < 1e-7);
+        assert!((w[1] - w[0] - f64::from(planes.step())).abs() < 1e-7);
         for (near, far) in [(0.0, 1.0), (2.0, 1.0), (f64::NAN, 1.0), (1.0, f64::INFINITY), (1.0, 1.0)] {
             assert!(matches!(Planes::new(near, far, 8), Err(Error::Range { .. })));
         }

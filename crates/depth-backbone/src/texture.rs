@@ -3,7 +3,7 @@
 use crate::pair::Pair;
 use cpu_kernels::pulp::{Simd, cast};
 use cpu_kernels::vector::{abs, keep};
-use glam::Vec3;
+use glam::DVec3;
 use gs_scene::Image;
 use std::ops::Range;
 
@@ -39,6 +39,10 @@ impl Texture {
 /// Where the pixels of a reference row fall in a source, and what lies there: one row at a time, in vectors.
 #[derive(Debug)]
 pub(crate) struct Sampler {
+    /// Half the width of the reference, pixels.
+    middle: f64,
+    /// Centres of the pixels of a row, from there.
+    centres: Vec<f32>,
     index: Vec<u32>,
     texels: Vec<u32>,
     fraction_x: Vec<f32>,
@@ -49,7 +53,7 @@ pub(crate) struct Sampler {
 #[derive(Clone, Copy)]
 pub(crate) enum Depths<'a> {
     /// One for all.
-    Plane(f32),
+    Plane(f64),
     /// One for each.
     Surface(&'a [f32]),
 }
@@ -62,9 +66,12 @@ const WITH_BYTE: f32 = 32_768.0;
 pub(crate) const TOGETHER: usize = 8;
 
 impl Sampler {
-    /// For rows of `stride` pixels, a multiple of the lanes of a vector.
-    pub(crate) fn new(stride: usize) -> Self {
+    /// For a reference that is so wide; its rows are filled up to `stride` pixels, a multiple of the lanes of a vector.
+    pub(crate) fn new(width: usize, stride: usize) -> Self {
+        let middle = 0.5 * width as f64;
         Self {
+            middle,
+            centres: (0..stride).map(|x| (x as f64 + 0.5 - middle) as f32).collect(),
             index: vec![0; stride],
             texels: vec![0; stride],
             fraction_x: vec![0.0; stride],
@@ -72,44 +79,44 @@ impl Sampler {
         }
     }
 
-    /// Finds where the pixels of reference row `y` that are in `columns`, with centres at `centres`, fall. `inside` becomes 1 where that is in
-    /// the picture and before the camera, else 0 (the sample is then the nearest border pixel's).
+    /// Finds where the pixels of reference row `y` that are in `columns` fall. `inside` becomes 1 where that is in the picture and before the camera,
+    /// else 0 (the sample is then the nearest border pixel's).
     #[inline(always)]
     pub(crate) fn locate<S: Simd>(
         &mut self,
         simd: S,
         (pair, texture): (&Pair, &Texture),
         (y, columns): (usize, Range<usize>),
-        centres: &[f32],
         depths: Depths,
         inside: &mut [f32],
     ) {
-        // Half a pixel to the left and up, so that whole numbers are the centres of pixels.
-        let centred = |place: Vec3| place - Vec3::new(0.5 * place.z, 0.5 * place.z, 0.0);
-        let (start, epipole) = (pair.row(y as f32 + 0.5), pair.epipole());
-        let step = splat(simd, centred(pair.step()).to_array());
+        // Both pictures are measured from their middles: numbers are small there, and f32 rounds them little.
+        let [right, down] = [texture.width, texture.height].map(|size| 0.5 * size as f64);
+        let middle = DVec3::new(right, down, 0.0);
+        let from_middle = |h: DVec3| splat(simd, (h - middle * h.z).as_vec3().to_array());
+        let (step, v) = (pair.step(), y as f32 + 0.5);
+        let to_middle = step * self.middle;
+        let step = from_middle(step);
         match depths {
             Depths::Plane(w) => {
-                let start = splat(simd, centred(start + epipole * w).to_array());
+                let start = from_middle(pair.row_of_plane(v, w) + to_middle);
                 self.place(
                     simd,
                     texture,
                     columns,
-                    centres,
                     inside,
                     #[inline(always)]
                     |_, x| multiply_add(simd, step, x, start),
                 );
             }
             Depths::Surface(depths) => {
-                let start = splat(simd, centred(start).to_array());
-                let epipole = splat(simd, centred(epipole).to_array());
+                let start = from_middle(pair.row(v) + to_middle);
+                let epipole = from_middle(pair.epipole());
                 let depths = S::as_simd_f32s(&depths[columns.clone()]).0;
                 self.place(
                     simd,
                     texture,
                     columns,
-                    centres,
                     inside,
                     #[inline(always)]
                     |i, x| multiply_add(simd, epipole, depths[i], multiply_add(simd, step, x, start)),
@@ -118,27 +125,23 @@ impl Sampler {
         }
     }
 
-    /// [`Self::locate`] with `place`, which gives the homogeneous place of vector number `i` of pixels, from the centre of pixel (0, 0).
+    /// [`Self::locate`] with `place`: the homogeneous place of vector number `i` of pixels. It and they are measured from the middles of the pictures.
     #[inline(always)]
     fn place<S: Simd>(
         &mut self,
         simd: S,
         texture: &Texture,
         columns: Range<usize>,
-        centres: &[f32],
         inside: &mut [f32],
         place: impl Fn(usize, S::f32s) -> [S::f32s; 3],
     ) {
         let n = columns.len() / S::F32_LANES;
-        let centres = &S::as_simd_f32s(&centres[columns.clone()]).0[..n];
+        let centres = &S::as_simd_f32s(&self.centres[columns.clone()]).0[..n];
         let inside = &mut S::as_mut_simd_f32s(&mut inside[columns.clone()]).0[..n];
         let index = &mut S::as_mut_simd_u32s(&mut self.index[columns.clone()]).0[..n];
         let fraction_x = &mut S::as_mut_simd_f32s(&mut self.fraction_x[columns.clone()]).0[..n];
         let fraction_y = &mut S::as_mut_simd_f32s(&mut self.fraction_y[columns]).0[..n];
-        let last = [texture.width, texture.height].map(|size| (size - 1) as f32);
-        let reach = splat(simd, last.map(|last| 0.5 * last + 0.5));
-        let middle = splat(simd, last.map(|last| 0.5 * last));
-        let last = splat(simd, last);
+        let axes = [texture.width, texture.height].map(|size| Axis::new(simd, size));
         let [zero, one] = splat(simd, [0.0, 1.0]);
         let row_length = simd.splat_u32s(texture.width as u32);
         // Both numbers below carry the bits of TO_INTEGER.
@@ -147,12 +150,13 @@ impl Sampler {
         for i in 0..n {
             let [u, v, z] = place(i, centres[i]);
             let inverse = simd.div_f32s(one, z);
-            let (u, v) = (simd.mul_f32s(u, inverse), simd.mul_f32s(v, inverse));
+            let u = simd.mul_add_e_f32s(u, inverse, axes[0].middle);
+            let v = simd.mul_add_e_f32s(v, inverse, axes[1].middle);
             let before = keep(simd, simd.greater_than_f32s(z, zero), one);
-            let before = keep(simd, within(simd, u, middle[0], reach[0]), before);
-            inside[i] = keep(simd, within(simd, v, middle[1], reach[1]), before);
-            let (column, right) = texel(simd, u, last[0]);
-            let (row, down) = texel(simd, v, last[1]);
+            let before = keep(simd, axes[0].holds(simd, u), before);
+            inside[i] = keep(simd, axes[1].holds(simd, v), before);
+            let (column, right) = axes[0].texel(simd, u);
+            let (row, down) = axes[1].texel(simd, v);
             fraction_x[i] = right;
             fraction_y[i] = down;
             index[i] = simd.sub_u32s(simd.add_u32s(simd.mul_u32s(row, row_length), column), excess);
@@ -221,20 +225,37 @@ pub(crate) fn splat<S: Simd, const N: usize>(simd: S, values: [f32; N]) -> [S::f
     out
 }
 
-/// Whether a place is at most `reach` from `middle`. What is not a number is not.
-#[inline(always)]
-fn within<S: Simd>(simd: S, u: S::f32s, middle: S::f32s, reach: S::f32s) -> S::m32s {
-    simd.less_than_or_equal_f32s(abs(simd, simd.sub_f32s(u, middle)), reach)
+/// Columns or rows of a picture. Places on it are measured from the centre of the first pixel.
+struct Axis<S: Simd> {
+    /// The middle of the picture, the centre of the last pixel, and half the size.
+    middle: S::f32s,
+    last: S::f32s,
+    half: S::f32s,
 }
 
-/// The pixel to the left of (above) a place, or one more where that makes no difference, with the bits of [`TO_INTEGER`] around it; and how far the
-/// place is behind its centre. What is not a number becomes 0.
-#[inline(always)]
-fn texel<S: Simd>(simd: S, u: S::f32s, last: S::f32s) -> (S::u32s, S::f32s) {
-    let [zero, half, to_integer] = splat(simd, [0.0, 0.5, TO_INTEGER]);
-    let place = keep(simd, simd.greater_than_f32s(u, zero), simd.min_f32s(u, last));
-    let rounded = simd.add_f32s(simd.sub_f32s(place, half), to_integer);
-    (cast(rounded), simd.sub_f32s(place, simd.sub_f32s(rounded, to_integer)))
+impl<S: Simd> Axis<S> {
+    #[inline(always)]
+    fn new(simd: S, size: usize) -> Self {
+        let last = (size - 1) as f32;
+        let [middle, last, half] = splat(simd, [0.5 * last, last, 0.5 * size as f32]);
+        Self { middle, last, half }
+    }
+
+    /// Whether a place is in the picture. What is not a number is not.
+    #[inline(always)]
+    fn holds(&self, simd: S, u: S::f32s) -> S::m32s {
+        simd.less_than_or_equal_f32s(abs(simd, simd.sub_f32s(u, self.middle)), self.half)
+    }
+
+    /// The pixel to the left of (above) a place, or one more where that makes no difference, with the bits of [`TO_INTEGER`] around it; and how far
+    /// the place is behind its centre. What is not a number becomes 0.
+    #[inline(always)]
+    fn texel(&self, simd: S, u: S::f32s) -> (S::u32s, S::f32s) {
+        let [zero, half, to_integer] = splat(simd, [0.0, 0.5, TO_INTEGER]);
+        let place = keep(simd, simd.greater_than_f32s(u, zero), simd.min_f32s(u, self.last));
+        let rounded = simd.add_f32s(simd.sub_f32s(place, half), to_integer);
+        (cast(rounded), simd.sub_f32s(place, simd.sub_f32s(rounded, to_integer)))
+    }
 }
 
 #[cfg(test)]
@@ -253,10 +274,9 @@ mod tests {
 
             fn with_simd<S: Simd>(self, simd: S) -> [Vec<f32>; 2] {
                 let Self(texture, pair, y, w, [mut out, mut inside]) = self;
-                let centres: Vec<f32> = (0..w.len()).map(|x| x as f32 + 0.5).collect();
-                let mut sampler = Sampler::new(w.len());
+                let mut sampler = Sampler::new(w.len(), w.len());
                 let (columns, depths) = (0..w.len(), Depths::Surface(w));
-                sampler.locate(simd, (pair, texture), (y, columns.clone()), &centres, depths, &mut inside);
+                sampler.locate(simd, (pair, texture), (y, columns.clone()), depths, &mut inside);
                 let (vectors, _) = S::as_mut_simd_f32s(&mut out);
                 sampler.sample(simd, texture, columns, |i, value| vectors[i] = value);
                 [out, inside]

@@ -97,16 +97,17 @@ proptest! {
         }).collect();
         let surface: Vec<f32> = (0..width * height).map(|i| 0.3 + 0.1 * (i as f32 * 0.05).sin()).collect();
         // At the last a source does not see much of the picture.
-        let offsets = [-0.05, 0.02, 1.5];
+        let offsets: [f32; 3] = [-0.05, 0.02, 1.5];
         let ends = (0.01, 2.0);
         let reference = Reference { texture: &reference, statistics: &statistics };
         for isa in Isa::available() {
-            for surface in [None, Some(&surface[..])] {
-                let hypotheses = Hypotheses { surface, offsets: &offsets, ends };
-                let found = volume(isa, reference, &sources, &hypotheses);
+            let planes = offsets.map(|offset| f64::from(offset.clamp(ends.0, ends.1)));
+            let about = Hypotheses::About { surface: &surface, offsets: &offsets, ends };
+            for hypotheses in [Hypotheses::Planes(&planes), about] {
+                let found = volume(isa, reference, &sources, hypotheses);
                 prop_assert_eq!(found.len(), width * height * sgm::LANES);
                 for (plane, offset) in offsets.iter().enumerate() {
-                    let w = |i: usize| (surface.map_or(0.0, |w| w[i]) + offset).clamp(ends.0, ends.1);
+                    let w = |i: usize| (hypotheses.surface().map_or(0.0, |w| w[i]) + offset).clamp(ends.0, ends.1);
                     let expected = plainly(reference.texture, &sources, w);
                     for (i, expected) in expected.iter().enumerate() {
                         let found = f64::from(found[i * sgm::LANES + plane]) / f64::from(COST_LEVELS);

@@ -34,7 +34,7 @@ fn check(scale: f64) {
         assert!(both.len() * 10 >= one.len() * 9, "{} of {} stay confident", both.len(), one.len());
         let ratio = |i: usize| f64::from(after.depth.data()[i]) / scale / f64::from(before.depth.data()[i]);
         let alike = both.iter().filter(|&&i| (ratio(i) - 1.0).abs() < 1e-3).count();
-        assert!(alike * 1000 >= both.len() * 995, "{alike} of {} alike at scale {scale}", both.len());
+        assert!(alike * 1000 >= both.len() * 998, "{alike} of {} alike at scale {scale}", both.len());
     }
 }
 

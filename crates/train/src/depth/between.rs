@@ -66,7 +66,7 @@ impl Landing {
         let h = pair.project(u, v, w);
         let (x, y) = (h.x / h.z, h.y / h.z);
         let inside = h.z > 0.0 && x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;
-        let e = pair.epipole();
+        let e = pair.epipole().as_vec3();
         let by = [(e.x - x * e.z) / h.z, (e.y - y * e.z) / h.z, (1.0 - w * e.z / h.z) / h.z];
         inside.then_some(Self { x, y, inverse_depth: w / h.z, by })
     }
