@@ -43,7 +43,7 @@ impl Activation {
                 let slope = vector::select(simd, simd.greater_than_f32s(x, zero), one, zero);
                 (vector::relu(simd, x), slope)
             }
-            Self::Gelu => vector::gelu(simd, x),
+            Self::Gelu => vector::gelu_and_slope(simd, x),
             Self::Silu => {
                 let logistic =
                     simd.div_f32s(one, simd.add_f32s(one, vector::exp(simd, vector::neg(simd, x))));
@@ -81,7 +81,7 @@ impl WithSimd for Apply<'_> {
                 simd,
                 self.values,
                 #[inline(always)]
-                |x| vector::gelu(simd, x).0,
+                |x| vector::gelu(simd, x),
             ),
             Activation::Silu => vector::map(
                 simd,

@@ -196,7 +196,12 @@ impl Packed {
             let into = Into { c: &mut *c, stride, columns: width, add: start > 0 };
             dispatch(
                 self.isa,
-                Panel { a: a.columns(start, depth), panel: &panel[start * width..][..depth * width], into },
+                Panel {
+                    a: a.columns(start, depth),
+                    panel: &panel[start * width..][..depth * width],
+                    bias: &[],
+                    into,
+                },
             );
         }
     }
@@ -207,6 +212,20 @@ impl Packed {
 /// # Panics
 /// If A's rows are not as long as B's columns, or C is too small.
 pub fn multiply(a: Rows<'_>, b: &Packed, c: &mut [f32], stride: usize, add: bool) {
+    product(a, b, &[], c, stride, add);
+}
+
+/// As [`multiply`], with `bias` added to every row.
+///
+/// # Panics
+/// As [`multiply`], or if the bias has not a number for each column of B.
+pub fn multiply_with_bias(a: Rows<'_>, b: &Packed, bias: &[f32], c: &mut [f32], stride: usize, add: bool) {
+    assert_eq!(bias.len(), b.columns, "a bias for every column");
+    product(a, b, bias, c, stride, add);
+}
+
+/// Without a bias it is empty.
+fn product(a: Rows<'_>, b: &Packed, bias: &[f32], c: &mut [f32], stride: usize, add: bool) {
     assert_eq!(a.width, b.depth, "columns of A and rows of B");
     if a.count == 0 || b.columns == 0 {
         return;
@@ -221,7 +240,12 @@ pub fn multiply(a: Rows<'_>, b: &Packed, c: &mut [f32], stride: usize, add: bool
     if b.depth == 0 && !add {
         (0..a.count).for_each(|i| c[i * stride..][..b.columns].fill(0.0));
     }
-    dispatch(b.isa, Product { a, b, c, stride, add });
+    if b.depth == 0 && !bias.is_empty() {
+        for i in 0..a.count {
+            c[i * stride..][..b.columns].iter_mut().zip(bias).for_each(|(c, bias)| *c += bias);
+        }
+    }
+    dispatch(b.isa, Product { a, b, bias, c, stride, add });
 }
 
 /// C += Aᵀ B, a sum over the rows of both. C has as many rows as A has columns, `stride` apart; what lies between its
@@ -250,6 +274,7 @@ struct Into<'a> {
 struct Product<'a> {
     a: Rows<'a>,
     b: &'a Packed,
+    bias: &'a [f32],
     c: &'a mut [f32],
     stride: usize,
     add: bool,
@@ -260,7 +285,7 @@ impl WithSimd for Product<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { a, b, c, stride, add } = self;
+        let Self { a, b, bias, c, stride, add } = self;
         let width = panel_columns(b.isa);
         for start in (0..b.depth).step_by(DEPTH) {
             let depth = DEPTH.min(b.depth - start);
@@ -269,7 +294,9 @@ impl WithSimd for Product<'_> {
                 let panel = &b.panels[first * b.depth + start * width..][..depth * width];
                 let columns = width.min(b.columns - first);
                 let into = Into { c: &mut c[first..], stride, columns, add: add || start > 0 };
-                Panel { a, panel, into }.with_simd(simd);
+                // Once, with the first rows of B.
+                let bias = if start > 0 { &[] } else { bias.get(first..first + columns).unwrap_or_default() };
+                Panel { a, panel, bias, into }.with_simd(simd);
             }
         }
     }
@@ -279,6 +306,8 @@ impl WithSimd for Product<'_> {
 struct Panel<'a> {
     a: Rows<'a>,
     panel: &'a [f32],
+    /// Of its columns; none if it is shorter.
+    bias: &'a [f32],
     into: Into<'a>,
 }
 
@@ -301,11 +330,15 @@ impl WithSimd for Panel<'_> {
 impl Panel<'_> {
     #[inline(always)]
     fn tiles<S: Simd, const VECTORS: usize, const ROWS: usize>(self, simd: S) {
-        let Self { a, panel, mut into } = self;
+        let Self { a, panel, bias, mut into } = self;
+        let mut start = [simd.splat_f32s(0.0); VECTORS];
+        for (start, bias) in start.iter_mut().zip(bias.chunks(S::F32_LANES)) {
+            *start = simd.partial_load_f32s(bias);
+        }
         for first in (0..a.count).step_by(ROWS) {
             // A tile that is not full computes its last row several times.
             let rows: [&[f32]; ROWS] = std::array::from_fn(|i| a.row((first + i).min(a.count - 1)));
-            let sums = tile::of_rows::<S, VECTORS, ROWS>(simd, rows, panel);
+            let sums = tile::of_rows::<S, VECTORS, ROWS>(simd, rows, panel, start);
             into.store(simd, first, ROWS.min(a.count - first), &sums);
         }
     }
@@ -387,20 +420,22 @@ impl Into<'_> {
         count: usize,
         sums: &[[S::f32s; VECTORS]; ROWS],
     ) {
-        for (i, sums) in sums.iter().enumerate() {
-            if i == count {
-                break;
-            }
-            let row = &mut self.c[(first + i) * self.stride..][..self.columns];
-            if let Some(row) = S::as_mut_simd_f32s(row).0.first_chunk_mut::<VECTORS>() {
+        let c = &mut self.c[first * self.stride..];
+        if count == ROWS && self.columns == VECTORS * S::F32_LANES {
+            // Of a whole tile the sums go from the registers to their places.
+            for (i, sums) in sums.iter().enumerate() {
+                let (row, _) = S::as_mut_simd_f32s(&mut c[i * self.stride..][..VECTORS * S::F32_LANES]);
                 for (out, sum) in row.iter_mut().zip(sums) {
                     *out = if self.add { simd.add_f32s(*out, *sum) } else { *sum };
                 }
-            } else {
-                for (row, sum) in row.chunks_mut(S::F32_LANES).zip(sums) {
-                    let before = if self.add { simd.partial_load_f32s(row) } else { simd.splat_f32s(0.0) };
-                    simd.partial_store_f32s(row, simd.add_f32s(before, *sum));
-                }
+            }
+            return;
+        }
+        for (i, sums) in sums.iter().enumerate().take(count) {
+            let row = &mut c[i * self.stride..][..self.columns];
+            for (row, sum) in row.chunks_mut(S::F32_LANES).zip(sums) {
+                let before = if self.add { simd.partial_load_f32s(row) } else { simd.splat_f32s(0.0) };
+                simd.partial_store_f32s(row, simd.add_f32s(before, *sum));
             }
         }
     }

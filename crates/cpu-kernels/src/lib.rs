@@ -12,7 +12,7 @@ mod tile;
 pub mod vector;
 
 pub use activation::Activation;
-pub use gemm::{Packed, Rows, multiply, multiply_transposed, panel_columns};
+pub use gemm::{Packed, Rows, multiply, multiply_transposed, multiply_with_bias, panel_columns};
 pub use norm::LayerNorm;
 
 use pulp::{Scalar, Simd, WithSimd};

@@ -50,37 +50,75 @@ impl LayerNorm<'_> {
         assert_eq!(x.len() % self.weight.len().max(1), 0, "whole rows");
     }
 
-    /// Mean and factor of a row, whose normal form is (x - mean) · factor. The mean is in two parts, which together have more digits than f32: an
-    /// offset does not blur small differences. None if f32 cannot hold the variance.
+    /// Mean and factor of each of some rows, whose normal form is (x - mean) · factor. The mean is in two parts, which together have more digits than
+    /// f32: an offset does not blur small differences. None if f32 cannot hold the variance.
+    ///
+    /// What ends a sum waits long for its results: the sums of other rows go on meanwhile.
     #[inline(always)]
-    fn moments<S: Simd>(&self, simd: S, x: &[f32]) -> Option<Moments> {
-        let count = x.len() as f32;
-        let near = vector::sum(
-            simd,
-            x,
-            #[inline(always)]
-            |v| v,
-        ) / count;
-        let middle = simd.splat_f32s(near);
-        let (sum, squares) = vector::sum_and_squares(
-            simd,
-            x,
-            #[inline(always)]
-            |v| simd.sub_f32s(v, middle),
-        );
-        let rest = sum / count;
-        // Differences from the first part: its error is all that their mean has.
-        let variance = squares / count - rest * rest;
-        if !variance.is_finite() {
-            return None;
+    fn moments<S: Simd, const ROWS: usize>(&self, simd: S, rows: [&[f32]; ROWS]) -> [Option<Moments>; ROWS] {
+        let count = self.weight.len() as f32;
+        let mut near = [0.0; ROWS];
+        for (near, row) in near.iter_mut().zip(rows) {
+            *near = vector::sum(
+                simd,
+                row,
+                #[inline(always)]
+                |v| v,
+            ) / count;
         }
-        Some(Moments { near, rest, factor: 1.0 / (variance.max(0.0) + self.epsilon).sqrt() })
+        let mut sums = [(0.0, 0.0); ROWS];
+        for ((sums, row), near) in sums.iter_mut().zip(rows).zip(near) {
+            let middle = simd.splat_f32s(near);
+            *sums = vector::sum_and_squares(
+                simd,
+                row,
+                #[inline(always)]
+                |v| simd.sub_f32s(v, middle),
+            );
+        }
+        let mut moments = [None; ROWS];
+        for ((moments, (sum, squares)), near) in moments.iter_mut().zip(sums).zip(near) {
+            let rest = sum / count;
+            // Differences from the first part: its error is all that their mean has.
+            let variance = squares / count - rest * rest;
+            let factor = 1.0 / (variance.max(0.0) + self.epsilon).sqrt();
+            *moments = variance.is_finite().then_some(Moments { near, rest, factor });
+        }
+        moments
+    }
+
+    /// out = (x - mean) / sqrt(variance + epsilon) · weight + bias of a row with these moments.
+    #[inline(always)]
+    fn write<S: Simd>(&self, simd: S, x: &[f32], moments: Option<Moments>, out: &mut [f32]) {
+        let Some(Moments { near, rest, factor }) = moments else {
+            self.normalise_wide(x, out);
+            vector::map3(
+                simd,
+                out,
+                (self.weight, self.bias),
+                #[inline(always)]
+                |v, weight, bias| simd.mul_add_e_f32s(v, weight, bias),
+            );
+            return;
+        };
+        let (near, rest) = (simd.splat_f32s(near), simd.splat_f32s(rest));
+        let factor = simd.splat_f32s(factor);
+        vector::write3(
+            simd,
+            out,
+            (x, self.weight, self.bias),
+            #[inline(always)]
+            |v, weight, bias| {
+                let apart = simd.sub_f32s(simd.sub_f32s(v, near), rest);
+                simd.mul_add_e_f32s(simd.mul_f32s(apart, factor), weight, bias)
+            },
+        );
     }
 
     /// out = (x - mean) / sqrt(variance + epsilon) of a row; returns the factor.
     #[inline(always)]
     fn normalise<S: Simd>(&self, simd: S, x: &[f32], out: &mut [f32]) -> f32 {
-        let Some(Moments { near, rest, factor }) = self.moments(simd, x) else {
+        let [Some(Moments { near, rest, factor })] = self.moments(simd, [x]) else {
             return self.normalise_wide(x, out);
         };
         let (near, rest, by) = (simd.splat_f32s(near), simd.splat_f32s(rest), simd.splat_f32s(factor));
@@ -109,6 +147,7 @@ impl LayerNorm<'_> {
 }
 
 /// What a row is normalised by.
+#[derive(Clone, Copy)]
 struct Moments {
     /// The mean, in two parts.
     near: f32,
@@ -127,32 +166,23 @@ impl WithSimd for Forward<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
+        const TOGETHER: usize = 4;
         let Self { norm, x, out } = self;
         let columns = norm.weight.len().max(1);
-        for (x, out) in x.chunks_exact(columns).zip(out.chunks_exact_mut(columns)) {
-            let Some(Moments { near, rest, factor }) = norm.moments(simd, x) else {
-                norm.normalise_wide(x, out);
-                vector::map3(
-                    simd,
-                    out,
-                    (norm.weight, norm.bias),
-                    #[inline(always)]
-                    |v, weight, bias| simd.mul_add_e_f32s(v, weight, bias),
-                );
-                continue;
-            };
-            let (near, rest) = (simd.splat_f32s(near), simd.splat_f32s(rest));
-            let factor = simd.splat_f32s(factor);
-            vector::write3(
-                simd,
-                out,
-                (x, norm.weight, norm.bias),
-                #[inline(always)]
-                |v, weight, bias| {
-                    let apart = simd.sub_f32s(simd.sub_f32s(v, near), rest);
-                    simd.mul_add_e_f32s(simd.mul_f32s(apart, factor), weight, bias)
-                },
-            );
+        let (mut groups, mut outs) =
+            (x.chunks_exact(TOGETHER * columns), out.chunks_exact_mut(TOGETHER * columns));
+        for (group, out) in groups.by_ref().zip(outs.by_ref()) {
+            let rows: [&[f32]; TOGETHER] = std::array::from_fn(|i| &group[i * columns..][..columns]);
+            let moments = norm.moments(simd, rows);
+            for ((row, moments), out) in rows.into_iter().zip(moments).zip(out.chunks_exact_mut(columns)) {
+                norm.write(simd, row, moments, out);
+            }
+        }
+        let rest =
+            groups.remainder().chunks_exact(columns).zip(outs.into_remainder().chunks_exact_mut(columns));
+        for (row, out) in rest {
+            let [moments] = norm.moments(simd, [row]);
+            norm.write(simd, row, moments, out);
         }
     }
 }

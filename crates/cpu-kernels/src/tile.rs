@@ -4,12 +4,13 @@
 
 use pulp::Simd;
 
-/// For every row the sum over k of row[k] times row k of the panel, `[depth, VECTORS * lanes]`.
+/// For every row `start` and the sum over k of row[k] times row k of the panel, `[depth, VECTORS * lanes]`.
 #[inline(always)]
 pub(crate) fn of_rows<S: Simd, const VECTORS: usize, const ROWS: usize>(
     simd: S,
     rows: [&[f32]; ROWS],
     panel: &[f32],
+    start: [S::f32s; VECTORS],
 ) -> [[S::f32s; VECTORS]; ROWS] {
     let columns = VECTORS * S::F32_LANES;
     let depth = panel.len() / columns;
@@ -17,7 +18,7 @@ pub(crate) fn of_rows<S: Simd, const VECTORS: usize, const ROWS: usize>(
     let rows = rows.map(<[f32]>::as_ptr);
     let panel = panel.as_ptr();
     // SAFETY: k < depth, which every row and the panel have.
-    unsafe { sums(simd, depth, |i, k| *rows[i].add(k), |k| panel.add(k * columns)) }
+    unsafe { sums(simd, depth, |i, k| *rows[i].add(k), |k| panel.add(k * columns), start) }
 }
 
 /// The sum over k < depth of the first ROWS values of A's row k times the first VECTORS * lanes values of B's; rows begin a
@@ -33,11 +34,12 @@ pub(crate) fn of_columns<S: Simd, const VECTORS: usize, const ROWS: usize>(
     assert!(needed(a_stride, ROWS) <= a.len(), "rows of A");
     assert!(needed(b_stride, VECTORS * S::F32_LANES) <= b.len(), "rows of B");
     let (a, b) = (a.as_ptr(), b.as_ptr());
+    let zero = [simd.splat_f32s(0.0); VECTORS];
     // SAFETY: k < depth, and i < ROWS values from the beginning of such a row lie within A, a tile's columns within B.
-    unsafe { sums(simd, depth, |i, k| *a.add(k * a_stride + i), |k| b.add(k * b_stride)) }
+    unsafe { sums(simd, depth, |i, k| *a.add(k * a_stride + i), |k| b.add(k * b_stride), zero) }
 }
 
-/// The sum over k of a(i, k) times the vectors at b(k).
+/// `start` and the sum over k of a(i, k) times the vectors at b(k).
 ///
 /// # Safety
 /// `a` may be called for i < ROWS and k < depth, and VECTORS * lanes values lie at b(k).
@@ -47,8 +49,9 @@ unsafe fn sums<S: Simd, const VECTORS: usize, const ROWS: usize>(
     depth: usize,
     a: impl Fn(usize, usize) -> f32,
     b: impl Fn(usize) -> *const f32,
+    start: [S::f32s; VECTORS],
 ) -> [[S::f32s; VECTORS]; ROWS] {
-    let mut sums = [[simd.splat_f32s(0.0); VECTORS]; ROWS];
+    let mut sums = [start; ROWS];
     for k in 0..depth {
         let b = b(k).cast::<S::f32s>();
         // SAFETY: the caller's promise.

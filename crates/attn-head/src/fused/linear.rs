@@ -2,7 +2,7 @@
 
 use super::sums::{Place, Sums};
 use crate::Layout;
-use cpu_kernels::{Isa, Packed, Rows, multiply, multiply_transposed, rows};
+use cpu_kernels::{Isa, Packed, Rows, multiply, multiply_transposed, multiply_with_bias, rows};
 use std::ops::Range;
 use std::sync::OnceLock;
 
@@ -79,18 +79,18 @@ impl<'a> Linear<'a> {
 
     /// Rows of `inputs` to the first columns of rows `stride` apart.
     pub(super) fn apply(&self, x: Rows<'_>, out: &mut [f32], stride: usize) {
-        if let Some(bias) = self.bias {
-            for row in out.chunks_mut(stride) {
-                row[..self.outputs].copy_from_slice(bias);
-            }
+        match self.bias {
+            Some(bias) => multiply_with_bias(x, &self.forward, bias, out, stride, false),
+            None => self.product(x, out, stride, false),
         }
-        self.product(x, out, stride, self.bias.is_some());
     }
 
     /// Adds the layer's output to rows of `outputs`.
     pub(super) fn add(&self, x: Rows<'_>, out: &mut [f32]) {
-        self.add_bias(out);
-        self.product(x, out, self.outputs, true);
+        match self.bias {
+            Some(bias) => multiply_with_bias(x, &self.forward, bias, out, self.outputs, true),
+            None => self.product(x, out, self.outputs, true),
+        }
     }
 
     /// Adds the bias to rows of `outputs`.

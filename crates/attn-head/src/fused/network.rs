@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 /// Anchors that are worked on together: what they need stays in the second-level cache, and every weight that is
 /// fetched serves all of them.
-pub(super) const BLOCK: usize = 48;
+pub(super) const BLOCK: usize = 96;
 
 /// The parameters.
 #[derive(Debug)]
