@@ -49,12 +49,20 @@ use max_pool::MaxPool;
 use message::{Message, Record};
 use mlp::Mlp;
 use network::{BLOCK, Network};
+use rayon::prelude::*;
 
 #[cfg(feature = "candle")]
 pub use op::{Neighbourhood, apply};
 
 /// Tasks that the anchors are divided into. Fixed, so that sums over them do not depend on the number of threads.
 const RANGES: usize = 32;
+
+/// Zeros, which all threads write: one alone would take as long for a large buffer as a fortieth of a forward pass.
+fn zeros(count: usize) -> Vec<f32> {
+    let mut zeros = Vec::new();
+    rayon::iter::repeat_n(0.0, count).with_min_len(1 << 16).collect_into_vec(&mut zeros);
+    zeros
+}
 
 /// Anchors of a task: whole blocks.
 fn range_rows(n: usize) -> usize {

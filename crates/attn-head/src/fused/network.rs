@@ -1,10 +1,10 @@
 //! All parameters, packed for matrix products, and the forward pass.
 
 use super::layer::{Layer, Workspace};
-use super::message::{All, Message, Record, resize};
+use super::message::{All, Message, Record};
 use super::norm::Norm;
 use super::perceptron::{Hidden, Perceptron};
-use super::{Tape, range_rows};
+use super::{Tape, range_rows, zeros};
 use crate::{Config, Inputs, Layout, OUTPUTS, WIDTH};
 use cpu_kernels::{Activation, Isa, Rows};
 use rayon::prelude::*;
@@ -45,7 +45,9 @@ impl<'a, M: Message<'a>> Network<'a, M> {
         let mut shown = Vec::new();
         for layer in &self.layers {
             let mut records = vec![Record::default(); blocks];
-            resize(&mut shown, inputs.n * M::SHOWN);
+            if shown.is_empty() {
+                shown = zeros(inputs.n * M::SHOWN);
+            }
             show(layer, inputs, &x, &mut shown);
             if let Some(tape) = &mut tape {
                 tape.features.push(x.clone());
@@ -69,7 +71,7 @@ impl<'a, M: Message<'a>> Network<'a, M> {
     }
 
     fn embed(&self, config: &Config, inputs: &Inputs<'_>) -> Vec<f32> {
-        let mut x = vec![0.0; inputs.n * WIDTH];
+        let mut x = zeros(inputs.n * WIDTH);
         let (geometry, image) = embedded(config, inputs);
         let rows = range_rows(inputs.n);
         x.par_chunks_mut(rows * WIDTH).enumerate().for_each(|(range, x)| {
@@ -87,7 +89,7 @@ impl<'a, M: Message<'a>> Network<'a, M> {
     /// Of each block `kept` gets what the perceptron activates if that is to be recorded.
     fn attributes(&self, x: &[f32], kept: &mut [Vec<f32>], record: bool) -> Vec<f32> {
         let n = x.len() / WIDTH;
-        let mut out = vec![0.0; n * OUTPUTS];
+        let mut out = zeros(n * OUTPUTS);
         let rows = range_rows(n);
         let ranges = out.par_chunks_mut(rows * OUTPUTS).zip(x.par_chunks(rows * WIDTH));
         ranges.zip(kept.par_chunks_mut(rows / BLOCK)).for_each(|((out, x), kept)| {
