@@ -22,16 +22,25 @@ pub enum Activation {
 impl Activation {
     /// Applies it to every value.
     pub fn apply(self, isa: Isa, values: &mut [f32]) {
-        dispatch(isa, Apply { activation: self, values });
+        dispatch(isa, Apply { activation: self, x: None, out: values });
     }
 
-    /// Applies it to every value, and multiplies `grad` by its derivative there.
+    /// What it makes of every value of `x`.
     ///
     /// # Panics
-    /// If there are not as many gradients as values.
-    pub fn apply_with_gradient(self, isa: Isa, values: &mut [f32], grad: &mut [f32]) {
-        assert_eq!(values.len(), grad.len(), "a gradient for every value");
-        dispatch(isa, Gradient { activation: self, values, grad });
+    /// If `out` is of another length.
+    pub fn write(self, isa: Isa, x: &[f32], out: &mut [f32]) {
+        assert_eq!(x.len(), out.len(), "as many outputs as inputs");
+        dispatch(isa, Apply { activation: self, x: Some(x), out });
+    }
+
+    /// As [`Self::write`]; multiplies `grad` by the derivative at each value, too.
+    ///
+    /// # Panics
+    /// If the lengths do not agree.
+    pub fn write_with_gradient(self, isa: Isa, x: &[f32], out: &mut [f32], grad: &mut [f32]) {
+        assert!(x.len() == out.len() && x.len() == grad.len(), "an output and a gradient for every value");
+        dispatch(isa, Gradient { activation: self, x, out, grad });
     }
 
     #[inline(always)]
@@ -61,7 +70,9 @@ impl Activation {
 
 struct Apply<'a> {
     activation: Activation,
-    values: &'a mut [f32],
+    /// None if it is applied in place.
+    x: Option<&'a [f32]>,
+    out: &'a mut [f32],
 }
 
 impl WithSimd for Apply<'_> {
@@ -70,28 +81,28 @@ impl WithSimd for Apply<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         match self.activation {
-            Activation::Identity => {}
-            Activation::Relu => vector::map(
+            Activation::Identity => self.each(
                 simd,
-                self.values,
+                #[inline(always)]
+                |x| x,
+            ),
+            Activation::Relu => self.each(
+                simd,
                 #[inline(always)]
                 |x| vector::relu(simd, x),
             ),
-            Activation::Gelu => vector::map(
+            Activation::Gelu => self.each(
                 simd,
-                self.values,
                 #[inline(always)]
                 |x| vector::gelu(simd, x),
             ),
-            Activation::Silu => vector::map(
+            Activation::Silu => self.each(
                 simd,
-                self.values,
                 #[inline(always)]
                 |x| vector::silu(simd, x),
             ),
-            Activation::Tanh => vector::map(
+            Activation::Tanh => self.each(
                 simd,
-                self.values,
                 #[inline(always)]
                 |x| vector::tanh(simd, x),
             ),
@@ -99,9 +110,26 @@ impl WithSimd for Apply<'_> {
     }
 }
 
+impl Apply<'_> {
+    #[inline(always)]
+    fn each<S: Simd>(self, simd: S, f: impl Fn(S::f32s) -> S::f32s) {
+        match self.x {
+            None => vector::map(simd, self.out, f),
+            Some(x) => vector::map2(
+                simd,
+                self.out,
+                x,
+                #[inline(always)]
+                |_, x| f(x),
+            ),
+        }
+    }
+}
+
 struct Gradient<'a> {
     activation: Activation,
-    values: &'a mut [f32],
+    x: &'a [f32],
+    out: &'a mut [f32],
     grad: &'a mut [f32],
 }
 
@@ -110,16 +138,17 @@ impl WithSimd for Gradient<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { activation, values, grad } = self;
-        let ((vectors, rest), (grads, grad_rest)) = (S::as_mut_simd_f32s(values), S::as_mut_simd_f32s(grad));
-        for (v, grad) in vectors.iter_mut().zip(grads) {
-            let (value, slope) = activation.value_and_slope(simd, *v);
-            *v = value;
+        let Self { activation, x, out, grad } = self;
+        let (x, x_rest) = S::as_simd_f32s(x);
+        let ((out, out_rest), (grad, grad_rest)) = (S::as_mut_simd_f32s(out), S::as_mut_simd_f32s(grad));
+        for ((x, out), grad) in x.iter().zip(out).zip(grad) {
+            let (value, slope) = activation.value_and_slope(simd, *x);
+            *out = value;
             *grad = simd.mul_f32s(*grad, slope);
         }
-        if !rest.is_empty() {
-            let (value, slope) = activation.value_and_slope(simd, simd.partial_load_f32s(rest));
-            simd.partial_store_f32s(rest, value);
+        if !x_rest.is_empty() {
+            let (value, slope) = activation.value_and_slope(simd, simd.partial_load_f32s(x_rest));
+            simd.partial_store_f32s(out_rest, value);
             let grad = simd.partial_load_f32s(grad_rest);
             simd.partial_store_f32s(grad_rest, simd.mul_f32s(grad, slope));
         }

@@ -281,49 +281,62 @@ pub fn exp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
 /// x Φ(x), of the normal distribution; absolute error below 2e-7 + |x| 6e-8.
 #[inline(always)]
 pub fn gelu<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
-    let t = abs(simd, x);
-    simd.negate_mul_add_e_f32s(nearer(simd, t), lower_tail(simd, t), relu(simd, x))
+    // The tail is nothing there, but infinity times nothing would be no number.
+    let t = simd.min_f32s(abs(simd, x), simd.splat_f32s(FARTHEST));
+    let (tail, _) = lower_tail(simd, t);
+    simd.negate_mul_add_e_f32s(t, tail, relu(simd, x))
 }
 
-/// [`gelu`] and its derivative Φ(x) + x φ(x), whose absolute error is below 6e-7 + |x| 6e-8.
+/// [`gelu`] and its derivative Φ(x) + x φ(x), whose absolute error is below 6e-7.
 #[inline(always)]
 pub fn gelu_and_slope<S: Simd>(simd: S, x: S::f32s) -> (S::f32s, S::f32s) {
-    const PEAK: f32 = 0.398_942_3; // φ(0) = 1 / sqrt(2 π)
-    let t = abs(simd, x);
-    let tail = lower_tail(simd, t);
-    let value = simd.negate_mul_add_e_f32s(nearer(simd, t), tail, relu(simd, x));
+    let (t, farthest) = (abs(simd, x), simd.splat_f32s(FARTHEST));
+    // Not a number stays so.
+    let t = select(simd, simd.greater_than_f32s(t, farthest), farthest, t);
+    let (tail, root) = lower_tail(simd, t);
+    // φ(t) is the derivative of 1 / P⁸ but for its sign: 8 P' / P⁹.
+    let bell = simd.mul_f32s(simd.mul_f32s(tail, root), polynomial(simd, TAIL_SLOPE, t));
+    let below = simd.negate_mul_add_e_f32s(t, bell, tail);
     let negative = simd.less_than_f32s(x, simd.splat_f32s(0.0));
-    let normal = select(simd, negative, tail, simd.sub_f32s(simd.splat_f32s(1.0), tail));
-    let bell = exp(simd, simd.mul_f32s(simd.mul_f32s(simd.splat_f32s(-0.5), t), t));
-    (value, simd.mul_add_e_f32s(simd.mul_f32s(x, simd.splat_f32s(PEAK)), bell, normal))
+    let slope = select(simd, negative, below, simd.sub_f32s(simd.splat_f32s(1.0), below));
+    (simd.negate_mul_add_e_f32s(t, tail, relu(simd, x)), slope)
 }
 
-/// Where tails are nothing, but infinity times nothing would be no number.
-#[inline(always)]
-fn nearer<S: Simd>(simd: S, t: S::f32s) -> S::f32s {
-    simd.min_f32s(t, simd.splat_f32s(1e3))
-}
+/// From here on tails of the normal distribution are 0.
+const FARTHEST: f32 = 1e3;
 
-/// Φ(-t) for t ≥ 0 as 1 / P(t)⁸: absolute error below 5e-7, and below 2e-7 / t. (For a polynomial the eighth root is far better than the tail itself,
-/// and it needs no exponential.) P by least squares on Chebyshev nodes up to 7, weights iterated towards the least maximum of the error times
-/// max(t, 0.6).
+/// P of [`lower_tail`], by least squares on Chebyshev nodes up to 7, weights iterated towards the least maximum of the error times max(t, 0.6).
+const TAIL: [f32; 9] = [
+    3.041_216e-6,
+    -1.624_414_7e-5,
+    9.596_163e-5,
+    0.000_149_377,
+    0.001_028_225_9,
+    0.009_402_147,
+    0.048_829_72,
+    0.108_760_804,
+    1.090_507_7,
+];
+
+/// 8 P'.
+const TAIL_SLOPE: [f32; 8] = {
+    let mut slope = [0.0; 8];
+    let mut i = 0;
+    while i < slope.len() {
+        slope[i] = 8.0 * (slope.len() - i) as f32 * TAIL[i];
+        i += 1;
+    }
+    slope
+};
+
+/// Φ(-t) for 0 ≤ t ≤ [`FARTHEST`] as 1 / P(t)⁸, and 1 / P(t). Absolute error below 6e-7, and below 2e-7 / t: a polynomial is far nearer to the eighth
+/// root than to the tail, and needs no exponential.
 #[inline(always)]
-fn lower_tail<S: Simd>(simd: S, t: S::f32s) -> S::f32s {
-    const P: [f32; 9] = [
-        3.041_216e-6,
-        -1.624_414_7e-5,
-        9.596_163e-5,
-        0.000_149_377,
-        0.001_028_225_9,
-        0.009_402_147,
-        0.048_829_72,
-        0.108_760_804,
-        1.090_507_7,
-    ];
-    let p = polynomial(simd, P, t);
-    let square = simd.mul_f32s(p, p);
+fn lower_tail<S: Simd>(simd: S, t: S::f32s) -> (S::f32s, S::f32s) {
+    let root = simd.div_f32s(simd.splat_f32s(1.0), polynomial(simd, TAIL, t));
+    let square = simd.mul_f32s(root, root);
     let fourth = simd.mul_f32s(square, square);
-    simd.div_f32s(simd.splat_f32s(1.0), simd.mul_f32s(fourth, fourth))
+    (simd.mul_f32s(fourth, fourth), root)
 }
 
 /// x / (1 + e^-x).

@@ -49,15 +49,17 @@ impl<'a, M: Message<'a>> Network<'a, M> {
                 shown = zeros(inputs.n * M::SHOWN);
             }
             show(layer, inputs, &x, &mut shown);
+            let all = All { inputs, shown: &shown };
             if let Some(tape) = &mut tape {
-                tape.features.push(x.clone());
-            }
-            forward(layer, All { inputs, shown: &shown }, &mut x, &mut records, tape.is_some());
-            if let Some(tape) = &mut tape {
+                let before = std::mem::replace(&mut x, vec![0.0; inputs.n * WIDTH]);
+                forward(layer, all, Some(&before), &mut x, (&mut records, true));
+                tape.features.push(before);
                 tape.records.push(records);
                 if M::KEEPS_HIDDEN {
                     tape.shown.push(std::mem::take(&mut shown));
                 }
+            } else {
+                forward(layer, all, None, &mut x, (&mut records, false));
             }
         }
         drop(shown);
@@ -128,12 +130,13 @@ pub(super) fn show<'a, M: Message<'a>>(
     M::share(inputs, shown);
 }
 
+/// A layer on the features `x`, or on those `before`. The blocks' records are filled if they are to be.
 fn forward<'a, M: Message<'a>>(
     layer: &Layer<'a, M>,
     all: All<'_>,
+    before: Option<&[f32]>,
     x: &mut [f32],
-    records: &mut [Record],
-    record: bool,
+    (records, record): (&mut [Record], bool),
 ) {
     let rows = range_rows(all.inputs.n);
     let ranges = x.par_chunks_mut(rows * WIDTH).zip(records.par_chunks_mut(rows / BLOCK));
@@ -141,6 +144,9 @@ fn forward<'a, M: Message<'a>>(
         let mut work = Workspace::default();
         for (block, (x, kept)) in x.chunks_mut(BLOCK * WIDTH).zip(records).enumerate() {
             let first = range * rows + block * BLOCK;
+            if let Some(before) = before {
+                x.copy_from_slice(&before[first * WIDTH..][..x.len()]);
+            }
             layer.forward((all, first), x, record.then_some(kept), &mut work);
         }
     });

@@ -18,6 +18,8 @@ pub(super) struct Perceptron<'a> {
 /// Memory of a block.
 #[derive(Debug, Default)]
 pub(super) struct Hidden {
+    /// What is activated.
+    before: Vec<f32>,
     values: Vec<f32>,
     grad: Vec<f32>,
 }
@@ -61,31 +63,34 @@ impl<'a> Perceptron<'a> {
         grad_out: Rows<'_>,
         grad_x: &mut [f32],
         sums: &mut Sums<'_>,
-        Hidden { values, grad }: &mut Hidden,
+        Hidden { before, values, grad }: &mut Hidden,
     ) {
-        match kept {
-            Some(kept) => {
-                values.clear();
-                values.extend_from_slice(kept);
+        let before = match kept {
+            Some(kept) => kept,
+            None => {
+                self.first_layer(x, before);
+                before
             }
-            None => self.first_layer(x, values),
-        }
-        resize(grad, values.len());
+        };
+        resize(values, before.len());
+        resize(grad, before.len());
         self.second.input_gradient_alone(grad_out, grad);
-        self.activation.apply_with_gradient(self.isa, values, grad);
+        self.activation.write_with_gradient(self.isa, before, values, grad);
         self.second.weight_gradient(self.rows(values, x), grad_out, sums);
         let grad = self.rows(grad, x);
         self.first.weight_gradient(x, grad, sums);
         self.first.input_gradient_alone(grad, grad_x);
     }
 
-    fn activate(&self, x: Rows<'_>, hidden: &mut Hidden, kept: Option<&mut Vec<f32>>) {
-        self.first_layer(x, &mut hidden.values);
+    fn activate(&self, x: Rows<'_>, Hidden { values, .. }: &mut Hidden, kept: Option<&mut Vec<f32>>) {
         if let Some(kept) = kept {
-            kept.clear();
-            kept.extend_from_slice(&hidden.values);
+            self.first_layer(x, kept);
+            resize(values, kept.len());
+            self.activation.write(self.isa, kept, values);
+        } else {
+            self.first_layer(x, values);
+            self.activation.apply(self.isa, values);
         }
-        self.activation.apply(self.isa, &mut hidden.values);
     }
 
     fn first_layer(&self, x: Rows<'_>, values: &mut Vec<f32>) {
