@@ -336,10 +336,10 @@ impl Panel<'_> {
             *start = simd.partial_load_f32s(bias);
         }
         for first in (0..a.count).step_by(ROWS) {
-            // A tile that is not full computes its last row several times.
-            let rows: [&[f32]; ROWS] = std::array::from_fn(|i| a.row((first + i).min(a.count - 1)));
+            let count = ROWS.min(a.count - first);
+            let rows = (&a.values[first * a.stride..], a.stride, count);
             let sums = tile::of_rows::<S, VECTORS, ROWS>(simd, rows, panel, start);
-            into.store(simd, first, ROWS.min(a.count - first), &sums);
+            into.store(simd, first, count, &sums);
         }
     }
 }

@@ -4,18 +4,20 @@
 
 use pulp::Simd;
 
-/// For every row `start` and the sum over k of row[k] times row k of the panel, `[depth, VECTORS * lanes]`.
+/// For each of up to ROWS rows, `stride` apart, `start` and the sum over k of row[k] times row k of the panel, `[depth, VECTORS * lanes]`. Of a tile that is
+/// not full the last row is computed several times.
 #[inline(always)]
 pub(crate) fn of_rows<S: Simd, const VECTORS: usize, const ROWS: usize>(
     simd: S,
-    rows: [&[f32]; ROWS],
+    (rows, stride, count): (&[f32], usize, usize),
     panel: &[f32],
     start: [S::f32s; VECTORS],
 ) -> [[S::f32s; VECTORS]; ROWS] {
     let columns = VECTORS * S::F32_LANES;
     let depth = panel.len() / columns;
-    assert!(rows.iter().all(|row| row.len() >= depth), "a value of every row for every row of the panel");
-    let rows = rows.map(<[f32]>::as_ptr);
+    let last = count.checked_sub(1).expect("a row");
+    assert!(last * stride + depth <= rows.len(), "a value of every row for every row of the panel");
+    let rows: [*const f32; ROWS] = std::array::from_fn(|i| rows[i.min(last) * stride..].as_ptr());
     let panel = panel.as_ptr();
     // SAFETY: k < depth, which every row and the panel have.
     unsafe { sums(simd, depth, |i, k| *rows[i].add(k), |k| panel.add(k * columns), start) }
