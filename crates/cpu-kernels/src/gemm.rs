@@ -199,6 +199,7 @@ impl Packed {
                 Panel {
                     a: a.columns(start, depth),
                     panel: &panel[start * width..][..depth * width],
+                    width,
                     bias: &[],
                     into,
                 },
@@ -296,7 +297,7 @@ impl WithSimd for Product<'_> {
                 let into = Into { c: &mut c[first..], stride, columns, add: add || start > 0 };
                 // Once, with the first rows of B.
                 let bias = if start > 0 { &[] } else { bias.get(first..first + columns).unwrap_or_default() };
-                Panel { a, panel, bias, into }.with_simd(simd);
+                Panel { a, panel, width, bias, into }.with_simd(simd);
             }
         }
     }
@@ -305,7 +306,9 @@ impl WithSimd for Product<'_> {
 /// Some columns of C (+)= A times one panel.
 struct Panel<'a> {
     a: Rows<'a>,
+    /// Rows of `width` numbers.
     panel: &'a [f32],
+    width: usize,
     /// Of its columns; none if it is shorter.
     bias: &'a [f32],
     into: Into<'a>,
@@ -318,9 +321,12 @@ impl WithSimd for Panel<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         // Vectors and rows of a tile: enough sums to hide the latency of their additions, and no more than stay in registers,
         // with the pointers to the rows.
+        // Of the last panel there may be no more columns than one vector has.
+        let is_narrow = self.into.columns <= S::F32_LANES;
         match S::F32_LANES {
             1 => self.tiles::<S, 16, 2>(simd),
             4 => self.tiles::<S, 4, 6>(simd),
+            8 | 16 if is_narrow => self.tiles::<S, 1, 8>(simd),
             8 => self.tiles::<S, 2, 6>(simd),
             _ => self.tiles::<S, 2, 8>(simd),
         }
@@ -330,7 +336,7 @@ impl WithSimd for Panel<'_> {
 impl Panel<'_> {
     #[inline(always)]
     fn tiles<S: Simd, const VECTORS: usize, const ROWS: usize>(self, simd: S) {
-        let Self { a, panel, bias, mut into } = self;
+        let Self { a, panel, width, bias, mut into } = self;
         let mut start = [simd.splat_f32s(0.0); VECTORS];
         for (start, bias) in start.iter_mut().zip(bias.chunks(S::F32_LANES)) {
             *start = simd.partial_load_f32s(bias);
@@ -338,7 +344,7 @@ impl Panel<'_> {
         for first in (0..a.count).step_by(ROWS) {
             let count = ROWS.min(a.count - first);
             let rows = (&a.values[first * a.stride..], a.stride, count);
-            let sums = tile::of_rows::<S, VECTORS, ROWS>(simd, rows, panel, start);
+            let sums = tile::of_rows::<S, VECTORS, ROWS>(simd, rows, (panel, width), start);
             into.store(simd, first, count, &sums);
         }
     }

@@ -4,16 +4,16 @@
 
 use pulp::Simd;
 
-/// For each of up to ROWS rows, `stride` apart, `start` and the sum over k of row[k] times row k of the panel, `[depth, VECTORS * lanes]`. Of a tile that is
-/// not full the last row is computed several times.
+/// For each of up to ROWS rows, `stride` apart, `start` and the sum over k of row[k] times the first VECTORS * lanes numbers of row k of the panel, whose rows are
+/// `columns` long. Of a tile that is not full the last row is computed several times.
 #[inline(always)]
 pub(crate) fn of_rows<S: Simd, const VECTORS: usize, const ROWS: usize>(
     simd: S,
     (rows, stride, count): (&[f32], usize, usize),
-    panel: &[f32],
+    (panel, columns): (&[f32], usize),
     start: [S::f32s; VECTORS],
 ) -> [[S::f32s; VECTORS]; ROWS] {
-    let columns = VECTORS * S::F32_LANES;
+    assert!(VECTORS * S::F32_LANES <= columns, "columns of the panel");
     let depth = panel.len() / columns;
     let last = count.checked_sub(1).expect("a row");
     assert!(last * stride + depth <= rows.len(), "a value of every row for every row of the panel");
