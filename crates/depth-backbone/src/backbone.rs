@@ -1,6 +1,7 @@
 use crate::features::Features;
 use crate::{Error, Result};
 use gs_scene::{DepthMap, Gaussians, View};
+use rayon::prelude::*;
 
 /// What a backbone knows of one view (paper, section 3.1): geometry and features at the view's own size.
 #[derive(Debug, Clone)]
@@ -67,15 +68,13 @@ pub(crate) fn check_pixels(views: &[View]) -> Result<()> {
     if views.is_empty() {
         return Err(Error::NoViews);
     }
-    for view in views {
-        if let Some(i) = view.image().data().iter().position(|v| !v.is_finite()) {
+    let check = |view: &View| match view.image().data().iter().position(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(i) => {
             let (pixel, width) = (i / 3, view.image().width());
-            return Err(Error::PixelNotFinite {
-                view: view.name().to_owned(),
-                x: pixel % width,
-                y: pixel / width,
-            });
+            Err(Error::PixelNotFinite { view: view.name().to_owned(), x: pixel % width, y: pixel / width })
         }
-    }
-    Ok(())
+    };
+    // The error of the first view that has one, whichever is found first.
+    views.par_iter().map(check).collect::<Vec<_>>().into_iter().collect()
 }

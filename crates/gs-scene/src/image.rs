@@ -52,7 +52,13 @@ impl Image {
     /// Interleaved 8-bit values: clipped to 0..1, times 255, rounded; NaN becomes 0.
     #[must_use]
     pub fn to_rgb8(&self) -> Vec<u8> {
-        self.data.iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
+        let round = |v: &f32| {
+            let v = v.clamp(0.0, 1.0) * 255.0;
+            // As `f32::round`, which without SSE4 is a call.
+            let whole = v as u8;
+            whole + u8::from(v - f32::from(whole) >= 0.5)
+        };
+        self.data.iter().map(round).collect()
     }
 
     /// Pixels per row.
@@ -82,6 +88,7 @@ impl Image {
     ///
     /// # Panics
     /// If it lies outside the image.
+    #[inline]
     #[must_use]
     pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
         assert!(
@@ -110,17 +117,27 @@ impl Image {
     /// (19595 R + 38470 G + 7471 B + 32768) >> 16, the integer BT.601 rule that Pillow's mode "L" uses.
     #[must_use]
     pub fn luma8(&self) -> Vec<u8> {
-        let weigh = |p: &[u8]| {
-            let [r, g, b] = [u32::from(p[0]), u32::from(p[1]), u32::from(p[2])];
+        let weigh = |&[r, g, b]: &[u8; 3]| {
+            let [r, g, b] = [u32::from(r), u32::from(g), u32::from(b)];
             ((19595 * r + 38470 * g + 7471 * b + 32768) >> 16) as u8
         };
-        self.to_rgb8().chunks_exact(3).map(weigh).collect()
+        self.to_rgb8().as_chunks().0.iter().map(weigh).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn values_are_rounded_as_f32_rounds() {
+        let near_halves = (0..255).flat_map(|i| [-1, 0, 1].map(|step| ((i as f32 + 0.5) / 255.0, step)));
+        let values = near_halves.map(|(v, step)| f32::from_bits(v.to_bits().wrapping_add_signed(step)));
+        let values: Vec<f32> = values.chain([-1.0, -0.0, 2.0, f32::INFINITY, f32::NAN, 1.0]).collect();
+        let expected: Vec<u8> = values.iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect();
+        let image = Image { width: values.len() / 3, height: 1, data: values };
+        assert_eq!(image.to_rgb8(), expected);
+    }
 
     #[test]
     fn sizes_are_checked() {
