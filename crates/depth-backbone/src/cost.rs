@@ -3,12 +3,16 @@
 //! A picture is matched strip by strip. Rows of a source are warped into the reference one after the other; sums over seven
 //! rows run along, so that a row costs the same whatever the height of the window.
 
+mod hypotheses;
+
 use crate::pair::Pair;
 use crate::sgm;
 use crate::texture::{Depths, Sampler, TOGETHER, Texture, splat};
 use cpu_kernels::pulp::{Simd, WithSimd};
 use cpu_kernels::vector::select;
 use cpu_kernels::{Isa, compiled_for, dispatch};
+pub(crate) use hypotheses::Hypotheses;
+use hypotheses::Hypothesis;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -96,52 +100,6 @@ pub(crate) struct Reference<'a> {
 pub(crate) struct Source<'a> {
     pub(crate) texture: &'a Texture,
     pub(crate) pair: Pair,
-}
-
-/// The inverse depths that are tried at each pixel.
-#[derive(Clone, Copy)]
-pub(crate) enum Hypotheses<'a> {
-    /// The same at all pixels. What falls where is computed in f64 along columns, so that it does not depend on the scale of the scene.
-    Planes(&'a [f64]),
-    /// `surface + offset`, within `ends` (smallest and largest). Windows follow the surface: each of their pixels is warped by its own depth.
-    About {
-        /// `[height, width]`.
-        surface: &'a [f32],
-        offsets: &'a [f32],
-        ends: (f32, f32),
-    },
-}
-
-impl<'a> Hypotheses<'a> {
-    /// Number of inverse depths.
-    pub(crate) fn len(&self) -> usize {
-        match self {
-            Self::Planes(planes) => planes.len(),
-            Self::About { offsets, .. } => offsets.len(),
-        }
-    }
-
-    fn surface(&self) -> Option<&'a [f32]> {
-        match self {
-            Self::Planes(_) => None,
-            Self::About { surface, .. } => Some(surface),
-        }
-    }
-
-    fn get(&self, index: usize) -> Hypothesis {
-        match self {
-            Self::Planes(planes) => Hypothesis::Plane(planes[index]),
-            Self::About { offsets, ends, .. } => Hypothesis::Offset(offsets[index], *ends),
-        }
-    }
-}
-
-/// One of them.
-#[derive(Clone, Copy)]
-enum Hypothesis {
-    Plane(f64),
-    /// And the ends.
-    Offset(f32, (f32, f32)),
 }
 
 /// Rows of a strip with three more above and below, each filled up to whole vectors, and what is summed along them.
