@@ -104,9 +104,8 @@ fn means(anchors: Anchors<'_>) -> Rows<'_> {
 fn to_means(cells: &[[u32; 2]], rows: &mut [f32]) {
     let isa = Isa::in_use();
     let of_level = |level: usize| {
-        let count = cells.iter().map(|cells| cells[level] as usize + 1).max().unwrap_or(0);
-        let mut sums = vec![0.0; count * CELL_WIDTH];
-        let mut counts = vec![0_u32; count];
+        let mut sums = vec![0.0; cells.len() * CELL_WIDTH];
+        let mut counts = vec![0_u32; cells.len()];
         for (row, cells) in rows.chunks_exact(SHOWN).zip(cells) {
             let cell = cells[level] as usize;
             counts[cell] += 1;

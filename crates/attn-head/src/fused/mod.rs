@@ -19,7 +19,7 @@
 //! | MLP | 1 | 5, and 16 numbers for every pair |
 //! | grid | 2 | 9 |
 //!
-//! An index for every pair, some 0.5 MB for each thread, and for each of up to 32 ranges the gradients of one layer's
+//! An index for every pair, some 1 MB for each thread, and for each of up to 32 ranges the gradients of one layer's
 //! weights, 27 MB in all, come on top.
 
 mod attention;

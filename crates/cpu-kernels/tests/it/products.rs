@@ -1,7 +1,7 @@
 //! Products against f64: shapes that fill no tile, strides, nothing at all.
 
 use crate::{numbers, sets};
-use cpu_kernels::{Packed, Rows, multiply, multiply_transposed, panel_columns};
+use cpu_kernels::{Packed, Rows, multiply, multiply_transposed, multiply_with_bias, panel_columns};
 use proptest::prelude::*;
 
 /// Lengths that fit tiles, that miss them by one, primes, 1 and 0.
@@ -27,20 +27,27 @@ proptest! {
 
     #[test]
     fn products_agree_with_f64(
-        count in length(60), depth in length(800), columns in length(140), gap in 0_usize..4, add: bool, seed: u32,
+        count in length(60), depth in length(800), columns in length(140), gap in 0_usize..4, add: bool, with_bias: bool,
+        seed: u32,
     ) {
         let width = depth + gap;
         let a = numbers(count * width, seed);
         // The last row is followed by nothing.
         let a = &a[..a.len().saturating_sub(gap)];
         let b = numbers(columns * depth, seed ^ 77_777);
+        let bias = if with_bias { numbers(columns, seed ^ 9) } else { vec![0.0; columns] };
         let stride = columns + gap;
         for isa in sets() {
             let packed = Packed::transposed(isa, Rows::new(&b, columns, depth));
             prop_assert_eq!((packed.depth(), packed.columns(), packed.isa()), (depth, columns, isa));
             let before = numbers(count * stride, seed ^ 5);
             let mut c = before.clone();
-            multiply(Rows::strided(a, count, depth, width), &packed, &mut c, stride, add);
+            let rows = Rows::strided(a, count, depth, width);
+            if with_bias {
+                multiply_with_bias(rows, &packed, &bias, &mut c, stride, add);
+            } else {
+                multiply(rows, &packed, &mut c, stride, add);
+            }
             for (place, &found) in c.iter().enumerate() {
                 let (i, j) = (place / stride.max(1), place % stride.max(1));
                 if j >= columns {
@@ -48,7 +55,8 @@ proptest! {
                     continue;
                 }
                 let (sum, size) = exact((0..depth).map(|k| (a[i * width + k], b[j * depth + k])));
-                let start = if add { f64::from(before[place]) } else { 0.0 };
+                let start = f64::from(bias[j]) + if add { f64::from(before[place]) } else { 0.0 };
+                let size = size + f64::from(bias[j].abs());
                 let error = (f64::from(found) - sum - start).abs();
                 prop_assert!(error <= 1e-5 * (size + start.abs()) + 1e-30, "{} ({}, {}): {:e} of {}", isa, i, j, error, size);
             }
