@@ -35,19 +35,25 @@ fn held_out(gaussians: &Gaussians, prediction: &Prediction) -> f64 {
 
 #[test]
 fn a_refined_scene_is_better_on_held_out_views_when_it_is_corrected() {
-    let (prediction, corrector, refined) = refined(&refined_later(1500), 30);
-    let corrected = corrector.clone().corrected(refined.clone(), &COURTYARD.0).unwrap();
-    check_gaussians(&corrected, false);
-    let anchors = prediction.counts.total - prediction.counts.shell;
-    assert_eq!((corrected.len(), corrected.sh_degree()), (refined.len(), 2));
-    let rows = Gaussians::GEOMETRY * anchors;
-    assert_eq!(corrected.geometry()[rows..], refined.geometry()[rows..], "the shell stays");
-    assert_ne!(corrected.geometry()[..rows], refined.geometry()[..rows]);
-    let [before, after] = [&refined, &corrected].map(|scene| held_out(scene, &prediction));
-    assert!(after > before + 0.03, "{before} {after}");
-    // It is the same on one thread.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    assert_eq!(pool.install(|| corrector.corrected(refined, &COURTYARD.0)).unwrap(), corrected);
+    // One draw of pixels gains 0.02 to 0.07 dB.
+    let gains = [0, 1, 2, 3].map(|seed| {
+        let (prediction, corrector, refined) = refined(&Config { seed, ..refined_later(1500) }, 30);
+        let corrected = corrector.clone().corrected(refined.clone(), &COURTYARD.0).unwrap();
+        check_gaussians(&corrected, false);
+        let anchors = prediction.counts.total - prediction.counts.shell;
+        assert_eq!((corrected.len(), corrected.sh_degree()), (refined.len(), 2));
+        let rows = Gaussians::GEOMETRY * anchors;
+        assert_eq!(corrected.geometry()[rows..], refined.geometry()[rows..], "the shell stays");
+        assert_ne!(corrected.geometry()[..rows], refined.geometry()[..rows]);
+        let [before, after] = [&refined, &corrected].map(|scene| held_out(scene, &prediction));
+        // It is the same on one thread.
+        if seed == 0 {
+            assert_eq!(pool.install(|| corrector.corrected(refined, &COURTYARD.0)).unwrap(), corrected);
+        }
+        after - before
+    });
+    assert!(gains.iter().sum::<f64>() > 0.03 * gains.len() as f64, "{gains:?}");
 }
 
 #[test]
