@@ -3,7 +3,7 @@
 /// The inverse depths that are tried at each pixel.
 #[derive(Clone, Copy)]
 pub(crate) enum Hypotheses<'a> {
-    /// The same at all pixels. What falls where is computed in f64 along columns, so that it does not depend on the scale of the scene.
+    /// The same at all pixels. Where a row begins in a source is computed in f64: it does not depend on the scale of the scene.
     Planes(&'a [f64]),
     /// `surface + offset`, within `ends` (smallest and largest). Windows follow the surface: each of their pixels is warped by its own depth.
     About {
