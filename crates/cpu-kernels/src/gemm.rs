@@ -427,22 +427,31 @@ impl Into<'_> {
         sums: &[[S::f32s; VECTORS]; ROWS],
     ) {
         let c = &mut self.c[first * self.stride..];
-        if count == ROWS && self.columns == VECTORS * S::F32_LANES {
+        let columns = VECTORS * S::F32_LANES;
+        if count == ROWS && self.columns == columns {
             // Of a whole tile the sums go from the registers to their places.
             for (i, sums) in sums.iter().enumerate() {
-                let (row, _) = S::as_mut_simd_f32s(&mut c[i * self.stride..][..VECTORS * S::F32_LANES]);
-                for (out, sum) in row.iter_mut().zip(sums) {
-                    *out = if self.add { simd.add_f32s(*out, *sum) } else { *sum };
-                }
+                put(simd, &mut c[i * self.stride..][..columns], sums, self.add);
             }
-            return;
+        } else {
+            for (i, sums) in sums.iter().enumerate().take(count) {
+                put(simd, &mut c[i * self.stride..][..self.columns], sums, self.add);
+            }
         }
-        for (i, sums) in sums.iter().enumerate().take(count) {
-            let row = &mut c[i * self.stride..][..self.columns];
-            for (row, sum) in row.chunks_mut(S::F32_LANES).zip(sums) {
-                let before = if self.add { simd.partial_load_f32s(row) } else { simd.splat_f32s(0.0) };
-                simd.partial_store_f32s(row, simd.add_f32s(before, *sum));
-            }
+    }
+}
+
+/// Stores sums in a row, or adds them to it.
+#[inline(always)]
+fn put<S: Simd, const VECTORS: usize>(simd: S, row: &mut [f32], sums: &[S::f32s; VECTORS], add: bool) {
+    if let Some(row) = S::as_mut_simd_f32s(row).0.first_chunk_mut::<VECTORS>() {
+        for (out, sum) in row.iter_mut().zip(sums) {
+            *out = if add { simd.add_f32s(*out, *sum) } else { *sum };
+        }
+    } else {
+        for (row, sum) in row.chunks_mut(S::F32_LANES).zip(sums) {
+            let before = if add { simd.partial_load_f32s(row) } else { simd.splat_f32s(0.0) };
+            simd.partial_store_f32s(row, simd.add_f32s(before, *sum));
         }
     }
 }
