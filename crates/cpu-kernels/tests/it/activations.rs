@@ -115,6 +115,12 @@ fn extremes_are_defined() {
             assert!((values[2] - least).abs() < 1e-4, "{isa}: {activation:?}(-1e30) = {}", values[2]);
             activation.apply(isa, &mut []);
         }
+        let far = [f32::NAN, f32::INFINITY, 1e30, f32::NEG_INFINITY, -1e30];
+        let (mut values, mut slopes) = ([7.0; 5], [1.0; 5]);
+        Activation::Gelu.write_with_gradient(isa, &far, &mut values, &mut slopes);
+        assert!(values[0].is_nan() && slopes[0].is_nan(), "{isa}: {values:?} {slopes:?}");
+        assert_eq!(values[1..], [f32::INFINITY, 1e30, 0.0, 0.0], "{isa}");
+        assert_eq!(slopes[1..], [1.0, 1.0, 0.0, 0.0], "{isa}");
         let mut values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -0.0];
         Activation::Tanh.apply(isa, &mut values);
         assert!(values[0].is_nan(), "{isa}: tanh hides what is not a number");
